@@ -1,1 +1,35 @@
-//! Placeholder.
+//! The render node: camera frames in, the same frames with virtual objects standing in them out.
+//!
+//! ```text
+//! FrameSet -> Tracker --TrackedPose--+
+//!          -> radiance_map -> LightProbe --Light--+-> shadow maps -> shade -> composite -> Sink
+//! ```
+//!
+//! [`frame`] is one frame from top to bottom; everything else is a step of it:
+//! - [`tracker`]: markers to pose;
+//! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
+//! - [`scene`]: virtual objects and phantoms;
+//! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`reference`] holds their CPU twins;
+//! - [`output`]: files and window.
+//!
+//! Conventions are those of `mirrorball_calib`: world = main marker, z out of the paper; camera x right, y down, z forward;
+//! pixel centres at integers; metres, seconds, radians. Radiance is linear, in the rig's common RGB, from the probe to the
+//! composite pass, which encodes it once with the camera's own response.
+//!
+//! Invariants: nothing here reads a truth folder; only `scene`, `config` and `output` touch files; a recording replayed
+//! twice gives the same poses bit for bit.
+
+pub mod app;
+pub mod config;
+pub mod environments;
+pub mod error;
+pub mod frame;
+pub mod gpu;
+pub mod node;
+pub mod output;
+pub mod passes;
+pub mod probe;
+pub mod reference;
+pub mod scene;
+pub mod scene_gpu;
+pub mod tracker;

@@ -1,2 +1,200 @@
-//! Placeholder.
-fn main() {}
+//! `mirrorball-render`: puts virtual objects into recorded or live frames.
+
+use std::error::Error;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::{Args, Parser, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use mirrorball_calib::rig::Rig;
+use mirrorball_capture::{BadFramePolicy, handover};
+use mirrorball_render::app::{App, Frames, Input, Step};
+use mirrorball_render::config::RenderConfig;
+use mirrorball_render::error::RenderError;
+use mirrorball_render::gpu::Gpu;
+use mirrorball_render::node::RenderNode;
+use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
+use mirrorball_render::output::{Sink, window};
+use mirrorball_render::scene::Scene;
+
+/// Puts virtual objects into camera frames: tracked, lit by the room's light, with shadows.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(flatten)]
+    input: InputArguments,
+    /// Scene file: virtual objects and phantoms.
+    #[arg(long, value_name = "FILE")]
+    scene: PathBuf,
+    /// Settings; see `configs/render.toml`.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+#[derive(Debug, Args)]
+struct InputArguments {
+    /// Recording to render, every frame in order.
+    #[arg(long, value_name = "DIR", required_unless_present = "from", conflicts_with = "from")]
+    recording: Option<PathBuf>,
+    /// Where frames come from instead.
+    #[arg(long, value_enum)]
+    from: Option<Live>,
+    /// Service of the capture daemon, with `--from live`.
+    #[arg(long, default_value = handover::DEFAULT_SERVICE)]
+    service: String,
+    /// Rig file; a recording brings its own.
+    #[arg(long, value_name = "FILE", required_if_eq("from", "live"))]
+    rig: Option<PathBuf>,
+    /// Skip and count frames of the recording that cannot be read.
+    #[arg(long)]
+    skip_bad_frames: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Live {
+    /// A running `mirrorball-capture`.
+    Live,
+}
+
+#[derive(Debug, Args)]
+struct OutputArguments {
+    /// Folder for `composite/NNNNNN.png` and `frames.jsonl`.
+    #[arg(long, value_name = "DIR", required_unless_present = "window")]
+    out: Option<PathBuf>,
+    /// Write the measured light as `environment/NNNNNN.exr` as well.
+    #[arg(long, requires = "out")]
+    environment_out: bool,
+    /// Show the pictures in a window; Escape quits.
+    #[arg(long)]
+    window: bool,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn,mirrorball=info".into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            report(&error);
+            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), RenderError> {
+    let config = arguments.config.as_deref().map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
+    let input = input(&arguments.input);
+    let rig = load_rig(&arguments.input)?;
+    let scene = Scene::load(&arguments.scene, &rig)?;
+    let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
+    if let Some(folder) = &arguments.output.out {
+        let environment = if arguments.output.environment_out { EnvironmentOut::Yes } else { EnvironmentOut::No };
+        sinks.push(Box::new(FolderSink::create(folder, environment)?));
+    }
+    let frames = Frames::open(&input, &rig.scene_camera().name)?;
+    let node = RenderNode::new(Gpu::open()?, rig, &scene, config)?;
+    tracing::info!(adapter = node.adapter_name(), "render node ready");
+    let mut app = App::new(node, frames, sinks);
+    let stop = stop_flag()?;
+    let should_stop = || stop.load(Ordering::Relaxed);
+    if arguments.output.window {
+        window::run(&mut app, &should_stop)?;
+    } else {
+        run_headless(&mut app, &should_stop)?;
+    }
+    let counts = app.counts();
+    tracing::info!(
+        rendered = counts.rendered,
+        without_pose = counts.without_pose,
+        skipped = counts.skipped,
+        missed = counts.missed,
+        "done"
+    );
+    Ok(())
+}
+
+fn run_headless(app: &mut App, should_stop: &dyn Fn() -> bool) -> Result<(), RenderError> {
+    let bar = progress_bar(app.n_frames());
+    let mut is_waiting = false;
+    while !should_stop() {
+        match app.step()? {
+            Step::Rendered(frame) => {
+                is_waiting = false;
+                bar.set_message(match frame.pose.camera_from_world() {
+                    Some(_) => "tracked",
+                    None => "no pose",
+                });
+                bar.inc(1);
+            }
+            Step::Waiting => {
+                if !is_waiting {
+                    tracing::info!("waiting for frames from the capture daemon");
+                }
+                is_waiting = true;
+            }
+            Step::Ended => break,
+        }
+    }
+    bar.finish();
+    Ok(())
+}
+
+fn progress_bar(n_frames: Option<u64>) -> ProgressBar {
+    match n_frames {
+        Some(n) if std::io::stderr().is_terminal() => {
+            let style = ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left, {msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(n).with_style(style)
+        }
+        _ => ProgressBar::hidden(),
+    }
+}
+
+fn input(arguments: &InputArguments) -> Input {
+    match &arguments.recording {
+        Some(folder) => Input::Recording {
+            folder: folder.clone(),
+            bad_frames: if arguments.skip_bad_frames { BadFramePolicy::Skip } else { BadFramePolicy::Fail },
+        },
+        None => Input::Live { service: arguments.service.clone() },
+    }
+}
+
+fn load_rig(arguments: &InputArguments) -> Result<Rig, RenderError> {
+    let file = match (&arguments.rig, &arguments.recording) {
+        (Some(file), _) => file.clone(),
+        (None, Some(folder)) => folder.join("rig.toml"),
+        (None, None) => PathBuf::from("rig.toml"),
+    };
+    let text = std::fs::read_to_string(&file).map_err(|source| RenderError::Read { file: file.clone(), source })?;
+    Ok(Rig::from_toml(&text, &file)?)
+}
+
+/// Set by Ctrl-C and SIGTERM: the frame at hand is finished, then the program ends.
+fn stop_flag() -> Result<Arc<AtomicBool>, RenderError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone())
+            .map_err(|source| RenderError::Read { file: PathBuf::from("(signals)"), source })?;
+    }
+    Ok(stop)
+}
+
+/// Prints an error with its causes and at most one hint.
+fn report(error: &RenderError) {
+    eprintln!("error: {error}");
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        eprintln!("  caused by: {inner}");
+        cause = inner.source();
+    }
+    if let Some(hint) = error.hint() {
+        eprintln!("  hint: {hint}");
+    }
+}

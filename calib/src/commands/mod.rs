@@ -1,0 +1,112 @@
+//! The program's commands, and what can go wrong in them.
+
+pub(crate) mod check;
+pub(crate) mod detect;
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use mirrorball_calib::{
+    rig::{Rig, RigError},
+    tag::{Family, PictureError},
+};
+use mirrorball_capture::SourceError;
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CommandError {
+    #[error("cannot read rig file `{}`", file.display())]
+    ReadRig {
+        file: PathBuf,
+        #[source]
+        source: io::Error,
+    },
+    #[error("rig file `{}` is not usable", file.display())]
+    Rig {
+        file: PathBuf,
+        #[source]
+        source: RigError,
+    },
+    #[error("rig file `{}` has no camera `{name}` (there are: {present})", file.display())]
+    NoCamera {
+        file: PathBuf,
+        name: String,
+        present: String,
+    },
+    #[error("cannot read picture `{}`", file.display())]
+    ReadPicture {
+        file: PathBuf,
+        #[source]
+        source: image::ImageError,
+    },
+    #[error("cannot search picture `{name}`")]
+    Search {
+        name: String,
+        #[source]
+        source: PictureError,
+    },
+    #[error("cannot play recording `{}`", folder.display())]
+    Recording {
+        folder: PathBuf,
+        #[source]
+        source: SourceError,
+    },
+    #[error("`{lost}` of `{frames}` frames have no pose")]
+    Lost { lost: usize, frames: usize },
+    #[error("cannot write the result")]
+    Output(#[source] io::Error),
+}
+
+impl CommandError {
+    /// 2 for bad input, 1 for failure.
+    pub(crate) fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
+            Self::ReadRig { .. }
+            | Self::Rig { .. }
+            | Self::NoCamera { .. }
+            | Self::ReadPicture { .. }
+            | Self::Search { .. }
+            | Self::Recording { .. } => ExitCode::from(2),
+        }
+    }
+
+    /// What to do about it.
+    pub(crate) fn hint(&self) -> Option<&'static str> {
+        match self {
+            Self::ReadRig { .. } => Some("give the `rig.toml` of the recording"),
+            Self::Rig { source, .. } => source.hint(),
+            Self::NoCamera { .. } => Some("choose one of these with `--camera`"),
+            Self::ReadPicture { .. } => Some("give an undamaged PNG or JPEG picture"),
+            Self::Search { .. } => Some("`size_px` in the rig file must be the size of the camera's pictures"),
+            Self::Recording { source, .. } => Some(source.hint()),
+            Self::Lost { .. } => {
+                Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
+            }
+            Self::Output(_) => None,
+        }
+    }
+}
+
+/// Reads a rig file.
+pub(crate) fn read_rig(file: &Path) -> Result<Rig, CommandError> {
+    let text = fs::read_to_string(file).map_err(|source| CommandError::ReadRig {
+        file: file.to_owned(),
+        source,
+    })?;
+    Rig::from_toml(&text, file).map_err(|source| CommandError::Rig {
+        file: file.to_owned(),
+        source,
+    })
+}
+
+/// The families that the rig's markers belong to.
+pub(crate) fn families(rig: &Rig) -> Vec<Family> {
+    let mut families: Vec<Family> = rig.markers.iter().map(|marker| marker.family).collect();
+    families.sort();
+    families.dedup();
+    families
+}

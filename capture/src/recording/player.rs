@@ -1,0 +1,233 @@
+//! Plays an image-folder recording as if it were cameras.
+
+use std::num::NonZeroU32;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::frame::{Frame, FrameMeta, PixelFormat};
+use crate::recording::format::{Entry, read_frame_list};
+use crate::recording::picture::read_picture;
+use crate::recording::rig::read_cameras;
+use crate::source::{CameraDescription, CameraRole, Next, Source, SourceError};
+
+/// How fast a recording is played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Each frame as long after the first one as its time stamp says; a late frame is sent at once.
+    Recorded,
+    /// As fast as the frames are asked for.
+    Max,
+}
+
+/// How often a recording is played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Repeat {
+    /// This many times in all.
+    Times(NonZeroU32),
+    /// Until nobody asks any more.
+    Forever,
+}
+
+impl Repeat {
+    /// Once, without repetition.
+    pub const ONCE: Self = Self::Times(NonZeroU32::MIN);
+
+    /// True if there is a round with this number, counted from 0.
+    fn has_round(self, round: u64) -> bool {
+        match self {
+            Self::Times(times) => round < u64::from(times.get()),
+            Self::Forever => true,
+        }
+    }
+}
+
+/// Interval put between two rounds of a recording that has only one frame of the leading camera.
+const LONE_FRAME_INTERVAL_NS: u64 = 33_333_333;
+
+/// A [`Source`] over an image-folder recording.
+///
+/// Frames come in the order of the frame list, which is that of time. When the recording is repeated, time stamps and
+/// sequence numbers go on rising as if the cameras had never stopped (and it ends when 64 bits are used up). A picture is read when it is asked for, before
+/// the wait for its moment, so that reading does not delay it.
+#[derive(Debug)]
+pub struct Player {
+    folder: PathBuf,
+    list: PathBuf,
+    cameras: Vec<CameraDescription>,
+    entries: Vec<Entry>,
+    /// What a round adds to the sequence numbers of each camera.
+    round_sequences: Vec<u64>,
+    /// What a round adds to every time stamp.
+    round_ns: u64,
+    pace: Pace,
+    repeat: Repeat,
+    round: u64,
+    position: usize,
+    /// Read, but its moment has not come yet.
+    read_ahead: Option<Frame>,
+    started: Option<Instant>,
+}
+
+impl Player {
+    /// Opens the recording in `folder` and checks its rig file and its frame list.
+    ///
+    /// # Errors
+    ///
+    /// Any [`SourceError`] but `BadFrame`: pictures are read later.
+    pub fn open(folder: &Path, pace: Pace, repeat: Repeat) -> Result<Self, SourceError> {
+        if !folder.is_dir() {
+            return Err(SourceError::NotAFolder {
+                path: folder.to_path_buf(),
+            });
+        }
+        let rig_cameras = read_cameras(&folder.join("rig.toml"))?;
+        let list = folder.join("frames.csv");
+        let mut entries = read_frame_list(&list, &rig_cameras)?;
+        let cameras = keep_cameras_with_frames(rig_cameras, &mut entries);
+        let round_sequences = (0..cameras.len())
+            .map(|index| round_sequence(&entries, index))
+            .collect();
+        let round_ns = round_ns(&entries, &cameras);
+        Ok(Self {
+            folder: folder.to_path_buf(),
+            list,
+            cameras,
+            entries,
+            round_sequences,
+            round_ns,
+            pace,
+            repeat,
+            round: 0,
+            position: 0,
+            read_ahead: None,
+            started: None,
+        })
+    }
+
+    /// Number of frames in one round, of all cameras together.
+    #[must_use]
+    pub fn n_frames(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Reads the picture of the next entry and steps on, whether it could be read or not.
+    fn read_next(&mut self) -> Result<Option<Frame>, SourceError> {
+        if self.position == self.entries.len() {
+            if !self.repeat.has_round(self.round + 1) {
+                return Ok(None);
+            }
+            self.position = 0;
+            self.round += 1;
+        }
+        let entry = &self.entries[self.position];
+        let Some(meta) = self.meta_in_round(entry) else {
+            return Ok(None);
+        };
+        self.position += 1;
+        let size = self.cameras[entry.camera_index].size;
+        let file = self.folder.join(&entry.file);
+        match read_picture(&file, size) {
+            Ok(pixels) => Ok(Some(Frame {
+                meta,
+                size,
+                format: PixelFormat::Rgb8,
+                pixels,
+            })),
+            Err(source) => Err(SourceError::BadFrame {
+                camera: meta.camera.to_string(),
+                sequence: meta.sequence,
+                file,
+                list: self.list.clone(),
+                line: entry.line,
+                source: Box::new(source),
+            }),
+        }
+    }
+
+    /// The entry's time stamp and sequence number in this round; none if the clock has run out of numbers.
+    fn meta_in_round(&self, entry: &Entry) -> Option<FrameMeta> {
+        let shift_ns = self.round.checked_mul(self.round_ns)?;
+        let shift = self.round.checked_mul(self.round_sequences[entry.camera_index])?;
+        let mut meta = entry.meta.clone();
+        meta.timestamp_ns = meta.timestamp_ns.checked_add(shift_ns)?;
+        meta.sequence = meta.sequence.checked_add(shift)?;
+        Some(meta)
+    }
+
+    /// Waits for the moment of `timestamp_ns`, at most `timeout`; true if the moment has come.
+    fn wait_for(&mut self, timestamp_ns: u64, timeout: Duration) -> bool {
+        match self.pace {
+            Pace::Max => true,
+            Pace::Recorded => {
+                let now = Instant::now();
+                let started = *self.started.get_or_insert(now);
+                let offset = Duration::from_nanos(timestamp_ns - self.entries[0].meta.timestamp_ns);
+                let wait = offset.saturating_sub(now - started);
+                std::thread::sleep(wait.min(timeout));
+                wait <= timeout
+            }
+        }
+    }
+}
+
+impl Source for Player {
+    fn cameras(&self) -> &[CameraDescription] {
+        &self.cameras
+    }
+
+    fn next_frame(&mut self, timeout: Duration) -> Result<Next, SourceError> {
+        let frame = match self.read_ahead.take() {
+            Some(frame) => frame,
+            None => match self.read_next()? {
+                Some(frame) => frame,
+                None => return Ok(Next::End),
+            },
+        };
+        if self.wait_for(frame.meta.timestamp_ns, timeout) {
+            Ok(Next::Frame(frame))
+        } else {
+            self.read_ahead = Some(frame);
+            Ok(Next::TimedOut)
+        }
+    }
+}
+
+/// Leaves out the cameras that have no frame, so that nobody waits for them.
+fn keep_cameras_with_frames(rig_cameras: Vec<CameraDescription>, entries: &mut [Entry]) -> Vec<CameraDescription> {
+    let mut new_indices = vec![None; rig_cameras.len()];
+    let mut cameras = Vec::with_capacity(rig_cameras.len());
+    for (index, camera) in rig_cameras.into_iter().enumerate() {
+        if entries.iter().any(|entry| entry.camera_index == index) {
+            new_indices[index] = Some(cameras.len());
+            cameras.push(camera);
+        }
+    }
+    for entry in entries {
+        entry.camera_index = new_indices[entry.camera_index].expect("a camera with an entry was kept");
+    }
+    cameras
+}
+
+/// What a round adds to the sequence numbers of a camera, so that the first frame of a round follows the last one.
+fn round_sequence(entries: &[Entry], camera_index: usize) -> u64 {
+    let mut sequences = entries
+        .iter()
+        .filter(|entry| entry.camera_index == camera_index)
+        .map(|e| e.meta.sequence);
+    let first = sequences.next().unwrap_or(0);
+    sequences.next_back().unwrap_or(first) - first + 1
+}
+
+/// What a round adds to the time stamps: the whole recording, and one mean interval of the leading camera.
+fn round_ns(entries: &[Entry], cameras: &[CameraDescription]) -> u64 {
+    let leads = |entry: &&Entry| cameras[entry.camera_index].role == CameraRole::Scene;
+    let mut stamps = entries.iter().filter(leads).map(|entry| entry.meta.timestamp_ns);
+    let n_intervals = stamps.clone().count().saturating_sub(1) as u64;
+    let first = stamps.next().unwrap_or(0);
+    let leader_span_ns = stamps.next_back().unwrap_or(first) - first;
+    let interval_ns = leader_span_ns
+        .checked_div(n_intervals)
+        .unwrap_or(LONE_FRAME_INTERVAL_NS);
+    let stamp_ns = |entry: Option<&Entry>| entry.map_or(0, |entry| entry.meta.timestamp_ns);
+    stamp_ns(entries.last()) - stamp_ns(entries.first()) + interval_ns
+}

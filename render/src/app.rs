@@ -1,0 +1,193 @@
+//! The render node at work: frame sets in, finished frames out.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use mirrorball_capture::playback::PlaybackThread;
+use mirrorball_capture::{
+    BadFramePolicy, DEFAULT_MAX_SKEW, Grouper, Pace, Player, Received, Repeat, Source, Subscriber, handover,
+    play_in_thread,
+};
+
+use crate::error::RenderError;
+use crate::node::{RenderNode, RenderedFrame};
+use crate::output::Sink;
+
+/// How long a step waits for a frame before it says that it is waiting.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Frame sets decoded ahead of the renderer.
+const READ_AHEAD: usize = 2;
+
+/// Where frames come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Input {
+    /// A recording, every frame in order, none dropped.
+    Recording {
+        /// Its folder.
+        folder: PathBuf,
+        /// What happens to frames that cannot be read.
+        bad_frames: BadFramePolicy,
+    },
+    /// A capture daemon, the newest frame first.
+    Live {
+        /// Name of its service.
+        service: String,
+    },
+}
+
+/// Frames on their way in.
+pub struct Frames {
+    subscriber: Subscriber,
+    thread: Option<PlaybackThread>,
+    from: String,
+    /// Number of frame sets to expect, when known.
+    pub n_frames: Option<u64>,
+}
+
+impl Frames {
+    /// Opens a recording or subscribes to a daemon.
+    ///
+    /// # Errors
+    /// [`RenderError::Source`] when there is no recording, or the hand-over cannot be set up.
+    pub fn open(input: &Input, scene_camera: &str) -> Result<Self, RenderError> {
+        match input {
+            Input::Recording { folder, bad_frames } => {
+                let from = folder.display().to_string();
+                let failed = |source| RenderError::Source { from: from.clone(), source };
+                let player = Player::open(folder, Pace::Max, Repeat::ONCE).map_err(|e| failed(Box::new(e)))?;
+                // Cameras of a rig run at one rate, so this is right or nearly so; it only feeds the progress bar.
+                let n_frames = player.n_frames() / player.cameras().len().max(1);
+                let others: Vec<_> =
+                    player.cameras().iter().map(|c| c.name.clone()).filter(|name| &**name != scene_camera).collect();
+                let grouper = Grouper::new(scene_camera.into(), &others, DEFAULT_MAX_SKEW);
+                let (publisher, subscriber) = handover::lossless(READ_AHEAD);
+                let thread = play_in_thread(Box::new(player), grouper, publisher, *bad_frames)
+                    .map_err(|e| failed(Box::new(e)))?;
+                Ok(Self { subscriber, thread: Some(thread), from, n_frames: Some(n_frames as u64) })
+            }
+            Input::Live { service } => {
+                let subscriber = handover::subscribe_to(service)
+                    .map_err(|e| RenderError::Source { from: service.clone(), source: Box::new(e) })?;
+                Ok(Self { subscriber, thread: None, from: service.clone(), n_frames: None })
+            }
+        }
+    }
+
+    fn is_live(&self) -> bool {
+        self.thread.is_none()
+    }
+}
+
+/// What a step did.
+#[derive(Debug)]
+pub enum Step {
+    /// A frame was rendered and stored.
+    Rendered(Box<RenderedFrame>),
+    /// No frame came for a while.
+    Waiting,
+    /// The recording is over.
+    Ended,
+}
+
+/// Counts of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Frames rendered.
+    pub rendered: u64,
+    /// Of these, frames without a pose.
+    pub without_pose: u64,
+    /// Frames that could not be read or did not fit the rig, skipped.
+    pub skipped: u64,
+    /// Frame sets that a newer one replaced before they were rendered.
+    pub missed: u64,
+}
+
+/// The render node with its input and outputs.
+pub struct App {
+    node: RenderNode,
+    frames: Frames,
+    sinks: Vec<Box<dyn Sink>>,
+    counts: Counts,
+    last_complaint: Option<Instant>,
+}
+
+impl App {
+    /// Puts the parts together.
+    #[must_use]
+    pub fn new(node: RenderNode, frames: Frames, sinks: Vec<Box<dyn Sink>>) -> Self {
+        Self { node, frames, sinks, counts: Counts::default(), last_complaint: None }
+    }
+
+    /// The render node.
+    #[must_use]
+    pub fn node(&self) -> &RenderNode {
+        &self.node
+    }
+
+    /// Number of frames to expect, when known.
+    #[must_use]
+    pub fn n_frames(&self) -> Option<u64> {
+        self.frames.n_frames
+    }
+
+    /// Counts so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        Counts { missed: self.frames.subscriber.stats().missed, ..self.counts }
+    }
+
+    /// Takes the next frame set, renders it and hands the result to the sinks.
+    ///
+    /// # Errors
+    /// Whatever stops the run. Live, a bad frame is counted and skipped instead.
+    pub fn step(&mut self) -> Result<Step, RenderError> {
+        match self.frames.subscriber.receive(PATIENCE) {
+            Ok(Received::Set(set)) => match self.node.render(&set) {
+                Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
+                Err(error @ (RenderError::FrameSize { .. } | RenderError::Source { .. })) if self.frames.is_live() => {
+                    self.skip(&error);
+                    Ok(Step::Waiting)
+                }
+                Err(error) => Err(error),
+            },
+            Ok(Received::TimedOut) => Ok(Step::Waiting),
+            Ok(Received::Ended) => {
+                self.join_reader()?;
+                Ok(Step::Ended)
+            }
+            Err(error) if self.frames.is_live() && error.is_skippable() => {
+                self.skip(&error);
+                Ok(Step::Waiting)
+            }
+            Err(error) => Err(RenderError::Source { from: self.frames.from.clone(), source: Box::new(error) }),
+        }
+    }
+
+    fn finish(&mut self, frame: RenderedFrame) -> Result<RenderedFrame, RenderError> {
+        self.counts.rendered += 1;
+        self.counts.without_pose += u64::from(frame.pose.camera_from_world().is_none());
+        for sink in &mut self.sinks {
+            sink.take(&frame, &self.node)?;
+        }
+        Ok(frame)
+    }
+
+    /// Counts a frame that could not be used; says so once a second at most.
+    fn skip(&mut self, error: &dyn std::error::Error) {
+        self.counts.skipped += 1;
+        if self.last_complaint.is_none_or(|last| last.elapsed() > Duration::from_secs(1)) {
+            self.last_complaint = Some(Instant::now());
+            tracing::warn!(skipped = self.counts.skipped, "frame skipped: {error}");
+        }
+    }
+
+    fn join_reader(&mut self) -> Result<(), RenderError> {
+        if let Some(thread) = self.frames.thread.take() {
+            let stats = thread
+                .join()
+                .map_err(|e| RenderError::Source { from: self.frames.from.clone(), source: Box::new(e) })?;
+            self.counts.skipped += stats.skipped_frames;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,160 @@
+//! The render node's settings: `configs/render.toml`.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::error::RenderError;
+
+/// All settings; every key has a default.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RenderConfig {
+    /// The light probe.
+    pub probe: ProbeConfig,
+    /// Lights and their shadows.
+    pub shadow: ShadowConfig,
+    /// Near and far planes of the picture.
+    pub view: ViewConfig,
+}
+
+/// How the probe's picture becomes light.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProbeConfig {
+    /// Edge of a radiance cube's face in texels; a multiple of 16, 32 ..= 512.
+    pub cube_size: u32,
+    /// Distance from the probe to the room where nothing measures it, metres, 0.5 ..= 100.
+    pub room_distance_m: f32,
+    /// Directions within this distance of the camera's own image in the ball are left out, metres, 0 ..= 0.5.
+    pub camera_radius_m: f32,
+    /// Cosine of the flattest reflection that is trusted, 0.02 ..= 0.9.
+    pub min_view_cosine: f32,
+    /// Frames over which a still environment is averaged, 1 ..= 64; 1 switches averaging off.
+    pub average_frames: u32,
+    /// Relative change of a texel's luminance that counts as new light, above 0.
+    pub change_ratio: f32,
+}
+
+impl Default for ProbeConfig {
+    fn default() -> Self {
+        Self {
+            cube_size: 128,
+            room_distance_m: 2.0,
+            camera_radius_m: 0.05,
+            min_view_cosine: 0.1,
+            average_frames: 8,
+            change_ratio: 0.3,
+        }
+    }
+}
+
+/// How lights are chosen and their shadows filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShadowConfig {
+    /// Lights at fixed directions over the part of the sphere that light can come from, 0 ..= 112.
+    pub dome_lights: u32,
+    /// Lights that follow the bright regions, 1 ..= 32.
+    pub bright_lights: u32,
+    /// Edge of a shadow map in texels, 64 ..= 2048.
+    pub map_size: u32,
+    /// Percentage-closer filter taps: 9, 25 or 49.
+    pub pcf_taps: u32,
+}
+
+impl Default for ShadowConfig {
+    fn default() -> Self {
+        Self { dome_lights: 48, bright_lights: 16, map_size: 512, pcf_taps: 9 }
+    }
+}
+
+/// Depth range of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ViewConfig {
+    /// Nearest distance drawn, metres, above 0.
+    pub near_m: f32,
+    /// Farthest distance drawn, metres, above `near_m`.
+    pub far_m: f32,
+}
+
+impl Default for ViewConfig {
+    fn default() -> Self {
+        Self { near_m: 0.02, far_m: 20.0 }
+    }
+}
+
+impl RenderConfig {
+    /// Reads a settings file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, an unknown key, a value out of range; the message names key and range.
+    pub fn load(file: &Path) -> Result<Self, RenderError> {
+        let text = std::fs::read_to_string(file)
+            .map_err(|source| RenderError::Read { file: file.to_owned(), source })?;
+        Self::parse(&text).map_err(|message| RenderError::Config { file: file.to_owned(), message })
+    }
+
+    /// Parses the text of a settings file and checks every range.
+    ///
+    /// # Errors
+    /// One line (or the TOML parser's excerpt) that names the key and what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let config: Self = toml::from_str(text).map_err(|error| error.to_string())?;
+        config.check()?;
+        Ok(config)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let Self { probe, shadow, view } = self;
+        within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
+        if probe.cube_size % 16 != 0 {
+            return Err(format!("`probe.cube_size` is `{}`; it must be a multiple of 16", probe.cube_size));
+        }
+        within("probe.room_distance_m", f64::from(probe.room_distance_m), 0.5, 100.0)?;
+        within("probe.camera_radius_m", f64::from(probe.camera_radius_m), 0.0, 0.5)?;
+        within("probe.min_view_cosine", f64::from(probe.min_view_cosine), 0.02, 0.9)?;
+        within("probe.average_frames", f64::from(probe.average_frames), 1.0, 64.0)?;
+        within("probe.change_ratio", f64::from(probe.change_ratio), 0.01, 100.0)?;
+        within("shadow.dome_lights", f64::from(shadow.dome_lights), 0.0, 112.0)?;
+        within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
+        within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
+        if ![9, 25, 49].contains(&shadow.pcf_taps) {
+            return Err(format!("`shadow.pcf_taps` is `{}`; allowed are 9, 25 and 49", shadow.pcf_taps));
+        }
+        within("view.near_m", f64::from(view.near_m), 1e-3, 10.0)?;
+        within("view.far_m", f64::from(view.far_m), f64::from(view.near_m) * 2.0, 1e4)
+    }
+}
+
+fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(format!("`{key}` is `{value}`; allowed are {low} ..= {high}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_file_gives_the_defaults() {
+        assert_eq!(RenderConfig::parse("").unwrap(), RenderConfig::default());
+    }
+
+    #[test]
+    fn bad_values_name_the_key_and_the_range() {
+        for (text, expected) in [
+            ("[shadow]\npcf_taps = 10", "`shadow.pcf_taps` is `10`; allowed are 9, 25 and 49"),
+            ("[shadow]\nmap_size = 1", "`shadow.map_size` is `1`; allowed are 64 ..= 2048"),
+            ("[probe]\ncube_size = 40", "`probe.cube_size` is `40`; it must be a multiple of 16"),
+            ("[probe]\nroom_distance_m = nan", "`probe.room_distance_m` is `NaN`"),
+            ("[probe]\nroom = 1", "unknown field `room`"),
+        ] {
+            let message = RenderConfig::parse(text).unwrap_err();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

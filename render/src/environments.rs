@@ -1,0 +1,214 @@
+//! The light around the probe and around each virtual object, as the GPU holds it.
+
+use glam::{Vec3, Vec4};
+use half::f16;
+
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
+use crate::gpu::readback::Readback;
+use crate::gpu::types::{GpuEnvironment, MAX_ENVIRONMENTS};
+use crate::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
+use crate::probe::cube::{Cube, FACES};
+use crate::probe::surroundings;
+use crate::scene::Scene;
+use crate::scene::occluders::Occluders;
+use mirrorball_calib::rig::Rig;
+
+/// Largest radiance that a half float holds with room for sums.
+const MAX_RADIANCE: f32 = 60_000.0;
+/// Spherical harmonics of an environment start every so many bytes (the least alignment that devices guarantee).
+pub const SH_STRIDE_BYTES: u64 = 256;
+
+/// A cube texture that the CPU fills.
+#[derive(Debug)]
+pub struct CubeTexture {
+    texture: wgpu::Texture,
+    /// All six faces.
+    pub view: wgpu::TextureView,
+    texels: Vec<[f16; 4]>,
+}
+
+impl CubeTexture {
+    /// An empty cube.
+    #[must_use]
+    pub fn new(gpu: &Gpu, label: &str, size: u32) -> Self {
+        let texture = gpu.texture(label, TextureShape::layered([size; 2], FACES as u32), RADIANCE_FORMAT);
+        let view = texture.create_view(&cube_view(0, 1));
+        Self { texture, view, texels: vec![[f16::ZERO; 4]; FACES * (size * size) as usize] }
+    }
+
+    /// Uploads radiance of the same size, clamped to what half floats hold.
+    pub fn upload(&mut self, gpu: &Gpu, radiance: &Cube<Vec3>) {
+        for (texel, value) in self.texels.iter_mut().zip(radiance.texels()) {
+            let [r, g, b] = value.clamp(Vec3::ZERO, Vec3::splat(MAX_RADIANCE)).to_array();
+            *texel = [f16::from_f32(r), f16::from_f32(g), f16::from_f32(b), f16::ONE];
+        }
+        let size = self.texture.size();
+        gpu.queue.write_texture(
+            self.texture.as_image_copy(),
+            bytemuck::cast_slice(&self.texels),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(8 * size.width),
+                rows_per_image: Some(size.height),
+            },
+            size,
+        );
+    }
+}
+
+/// One virtual object's own environment.
+#[derive(Debug)]
+pub struct Slot {
+    /// Name of the object.
+    pub name: String,
+    /// Middle of its bounding box, world, metres.
+    pub center_m: Vec3,
+    /// Whether any of its materials reflects.
+    pub is_glossy: bool,
+    /// Its parameters for the shaders.
+    pub parameters: wgpu::Buffer,
+    /// Distances to the first phantom, per texel, metres.
+    pub hit_m: wgpu::Buffer,
+}
+
+/// Environments of all virtual objects.
+#[derive(Debug)]
+pub struct Environments {
+    /// One per virtual object, [`MAX_ENVIRONMENTS`] at most.
+    pub slots: Vec<Slot>,
+    /// Radiance cubes, six layers per slot, with mips.
+    pub radiance: wgpu::Texture,
+    /// The same, mips filtered for roughness.
+    pub specular: wgpu::Texture,
+    /// `specular` as an array of cubes.
+    pub specular_view: wgpu::TextureView,
+    /// All parameters together.
+    pub all: wgpu::Buffer,
+    /// Spherical harmonics of the light from near things, [`SH_STRIDE_BYTES`] per slot.
+    pub near_sh: wgpu::Buffer,
+}
+
+impl Environments {
+    /// Finds out what stands around every virtual object.
+    #[must_use]
+    pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig, occluders: &Occluders) -> Self {
+        let slots: Vec<Slot> = scene
+            .virtual_objects()
+            .take(MAX_ENVIRONMENTS)
+            .map(|(_, object)| {
+                let (center_m, _) = object.bounding_sphere(rig);
+                let hit_m = surroundings::distances_m(occluders, center_m, 1e-3, ENVIRONMENT_SIZE);
+                let shines =
+                    |m: &crate::scene::Material| m.metallic > 0.0 || m.dielectric_f0.iter().any(|&f| f > 0.0);
+                Slot {
+                    name: object.name.clone(),
+                    center_m,
+                    is_glossy: object.mesh.materials.iter().any(shines),
+                    parameters: gpu.buffer("environment: parameters", &[<GpuEnvironment as bytemuck::Zeroable>::zeroed()]),
+                    hit_m: gpu.buffer("environment: distances", hit_m.texels()),
+                }
+            })
+            .collect();
+        let n = slots.len().max(1) as u32;
+        let shape = TextureShape {
+            mips: ENVIRONMENT_MIPS,
+            ..TextureShape::layered([ENVIRONMENT_SIZE; 2], FACES as u32 * n)
+        };
+        let specular = gpu.texture("environment: specular", shape, RADIANCE_FORMAT);
+        Self {
+            radiance: gpu.texture("environment: radiance", shape, RADIANCE_FORMAT),
+            specular_view: specular.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::CubeArray),
+                ..wgpu::TextureViewDescriptor::default()
+            }),
+            specular,
+            all: gpu.buffer("environment: all", &vec![<GpuEnvironment as bytemuck::Zeroable>::zeroed(); n as usize]),
+            near_sh: gpu.buffer("environment: near light", &vec![Vec4::ZERO; n as usize * SH_STRIDE_BYTES as usize / 16]),
+            slots,
+        }
+    }
+
+    /// Tells the shaders where the probe stands and how far away the room is.
+    pub fn place(&self, gpu: &Gpu, probe_m: Vec3, room_m: f32, probe_cube_size: u32) {
+        let parameters = |slot: &Slot| GpuEnvironment {
+            position_m: slot.center_m.extend(room_m),
+            probe_m: probe_m.extend(probe_cube_size as f32),
+        };
+        let all: Vec<GpuEnvironment> = self.slots.iter().map(parameters).collect();
+        for (slot, parameters) in self.slots.iter().zip(&all) {
+            gpu.write(&slot.parameters, &[*parameters]);
+        }
+        if !all.is_empty() {
+            gpu.write(&self.all, &all);
+        }
+    }
+
+    /// The first mip of every environment: name of the object and radiance.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<(String, Cube<Vec3>)>, RenderError> {
+        let n_texels = FACES * (ENVIRONMENT_SIZE * ENVIRONMENT_SIZE) as usize;
+        let mut texels = vec![[f16::ZERO; 4]; n_texels];
+        let readback = Readback::new(gpu, "environment: readback", (n_texels * size_of::<[f16; 4]>()) as u64);
+        let mut out = Vec::with_capacity(self.slots.len());
+        for (index, slot) in self.slots.iter().enumerate() {
+            let mut encoder =
+                gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("environment") });
+            encoder.copy_texture_to_buffer(
+                wgpu::TexelCopyTextureInfo {
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: (FACES * index) as u32 },
+                    ..self.radiance.as_image_copy()
+                },
+                wgpu::TexelCopyBufferInfo {
+                    buffer: readback.buffer(),
+                    layout: wgpu::TexelCopyBufferLayout {
+                        offset: 0,
+                        bytes_per_row: Some(8 * ENVIRONMENT_SIZE),
+                        rows_per_image: Some(ENVIRONMENT_SIZE),
+                    },
+                },
+                wgpu::Extent3d {
+                    width: ENVIRONMENT_SIZE,
+                    height: ENVIRONMENT_SIZE,
+                    depth_or_array_layers: FACES as u32,
+                },
+            );
+            readback.record(&mut encoder);
+            gpu.queue.submit([encoder.finish()]);
+            readback.read(gpu, &mut texels)?;
+            let radiance = texels.iter().map(|t| Vec3::new(t[0].to_f32(), t[1].to_f32(), t[2].to_f32())).collect();
+            if let Some(cube) = Cube::from_texels(ENVIRONMENT_SIZE, radiance) {
+                out.push((slot.name.clone(), cube));
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// A view of mips of one slot's cube.
+#[must_use]
+pub fn cube_view(slot: u32, n_mips: u32) -> wgpu::TextureViewDescriptor<'static> {
+    wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::Cube),
+        base_array_layer: FACES as u32 * slot,
+        array_layer_count: Some(FACES as u32),
+        mip_level_count: Some(n_mips),
+        ..wgpu::TextureViewDescriptor::default()
+    }
+}
+
+/// A view of one mip of one slot's cube as six layers.
+#[must_use]
+pub fn faces_view(slot: u32, mip: u32) -> wgpu::TextureViewDescriptor<'static> {
+    wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        base_array_layer: FACES as u32 * slot,
+        array_layer_count: Some(FACES as u32),
+        base_mip_level: mip,
+        mip_level_count: Some(1),
+        ..wgpu::TextureViewDescriptor::default()
+    }
+}

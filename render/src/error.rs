@@ -1,0 +1,155 @@
+//! What can go wrong in the render node, and what the user can do about it.
+
+use std::path::PathBuf;
+
+/// Failure of the render node.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// A file that the user named cannot be read.
+    #[error("cannot read `{}`", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A TOML file does not say what it should.
+    #[error("`{}`: {message}", file.display())]
+    Config {
+        /// The file.
+        file: PathBuf,
+        /// Line, key and what is allowed.
+        message: String,
+    },
+    /// The scene names something that is not there or not allowed.
+    #[error("`{}`, object `{object}`, `{field}`: {message}", file.display())]
+    Scene {
+        /// The scene file.
+        file: PathBuf,
+        /// Name of the object.
+        object: String,
+        /// Key in the object's table.
+        field: &'static str,
+        /// What is wrong and what is allowed.
+        message: String,
+    },
+    /// A glTF file cannot be used.
+    #[error("cannot use the glTF file `{}` of object `{object}`: {message}", file.display())]
+    Mesh {
+        /// The glTF file.
+        file: PathBuf,
+        /// Name of the object.
+        object: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// The rig file is wrong.
+    #[error("the rig cannot be used")]
+    Rig(#[from] mirrorball_calib::rig::RigError),
+    /// The rig lacks what the light probe needs.
+    #[error("the rig has no light probe: {message}")]
+    NoProbe {
+        /// What is missing.
+        message: &'static str,
+    },
+    /// Frames cannot be had.
+    #[error("no frames from `{from}`")]
+    Source {
+        /// Recording or service.
+        from: String,
+        /// Why.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A frame is not what the rig says.
+    #[error("frame {sequence} of camera `{camera}` is {found:?} pixels, the rig says {expected:?}")]
+    FrameSize {
+        /// Camera's name.
+        camera: String,
+        /// Frame's sequence number.
+        sequence: u64,
+        /// Width and height found.
+        found: [u32; 2],
+        /// Width and height of the rig file.
+        expected: [u32; 2],
+    },
+    /// No Vulkan driver answered.
+    #[error("no Vulkan adapter found")]
+    NoAdapter {
+        /// What wgpu said.
+        #[source]
+        source: wgpu::RequestAdapterError,
+    },
+    /// The adapter refused the device.
+    #[error("the adapter `{adapter}` gives no device")]
+    NoDevice {
+        /// Name of the adapter.
+        adapter: String,
+        /// What wgpu said.
+        #[source]
+        source: wgpu::RequestDeviceError,
+    },
+    /// The GPU lost work or data.
+    #[error("the GPU failed while `{during}`: {message}")]
+    Gpu {
+        /// What was being done.
+        during: &'static str,
+        /// What wgpu said.
+        message: String,
+    },
+    /// A result cannot be written.
+    #[error("cannot write `{}`", file.display())]
+    Write {
+        /// The file or folder.
+        file: PathBuf,
+        /// Why.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The window cannot be opened or drawn to.
+    #[error("cannot open a window: {message}")]
+    Window {
+        /// What the window system said.
+        message: String,
+    },
+}
+
+impl RenderError {
+    /// One line that says what to do, where there is something to do.
+    #[must_use]
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::Read { file, .. } => Some(format!("check that `{}` exists and is readable", file.display())),
+            Self::Config { .. } | Self::Scene { .. } => Some("`configs/README.md` lists every key".into()),
+            Self::Mesh { .. } => Some("export the object as glTF 2.0 (.glb) with triangles".into()),
+            Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
+            Self::NoProbe { .. } => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
+            Self::Source { .. } => None,
+            Self::FrameSize { .. } => Some("give the rig file that belongs to this camera mode".into()),
+            Self::NoAdapter { .. } => {
+                Some("install a Vulkan driver; `apt-get install mesa-vulkan-drivers` gives a software one".into())
+            }
+            Self::NoDevice { .. } | Self::Gpu { .. } => Some("run with RUST_LOG=wgpu=info to see the driver's words".into()),
+            Self::Write { .. } => Some("check permissions and free space, or choose another `--out`".into()),
+            Self::Window { .. } => Some("run without `--window`; `--out DIR` writes pictures instead".into()),
+        }
+    }
+
+    /// Whether the user's input is to blame (exit code 2) rather than the machine (exit code 1).
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Read { .. }
+            | Self::Config { .. }
+            | Self::Scene { .. }
+            | Self::Mesh { .. }
+            | Self::Rig(_)
+            | Self::NoProbe { .. }
+            | Self::Source { .. }
+            | Self::FrameSize { .. }
+            | Self::Write { .. } => true,
+            Self::NoAdapter { .. } | Self::NoDevice { .. } | Self::Gpu { .. } | Self::Window { .. } => false,
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! One frame, from pictures to picture: every step, in order.
+
+use std::time::Instant;
+
+use glam::{DVec3, Mat4, Vec3};
+use mirrorball_calib::pose::Pose;
+use mirrorball_calib::rig::Camera;
+use mirrorball_capture::frame::{Frame, FrameSet};
+
+use crate::error::RenderError;
+use crate::gpu::types::{GpuCamera, GpuFrame, GpuLight};
+use crate::node::{RenderNode, RenderedFrame, check_size};
+use crate::passes::radiance_map::gpu_probe;
+use crate::passes::shadow_map::{Sphere, clip_from_world};
+use crate::probe::key_light::KeyLight;
+use crate::probe::radiance::Picture;
+use crate::probe::{Light, ProbeOptics, SceneView};
+
+/// Height over the receiver that a penumbra is filtered for, metres: half of a thing that stands on a table.
+const CASTER_HEIGHT_M: f32 = 0.03;
+/// The phantoms' shadow maps reach this far around the virtual objects, metres.
+const RECEIVER_MARGIN_M: f32 = 0.1;
+
+/// A picture of the probe: frame, camera and where that was.
+type ProbeView<'a> = (&'a Frame, &'a Camera, Pose);
+
+impl RenderNode {
+    /// Renders the virtual objects into the scene camera's frame.
+    ///
+    /// Without a pose, and before any light was measured, the picture comes back as it is.
+    ///
+    /// # Errors
+    /// [`RenderError::FrameSize`] or [`RenderError::Source`] for frames that the rig does not know,
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn render(&mut self, set: &FrameSet) -> Result<RenderedFrame, RenderError> {
+        let started = Instant::now();
+        let frame = self.scene_frame(set)?;
+        self.timer.start_frame();
+        let mut stages_ms = Vec::with_capacity(24);
+
+        let pose = self.tracker.locate(frame, &self.rig, self.rig.scene_camera());
+        stages_ms.push(("track", ms_since(started)));
+
+        let begun = Instant::now();
+        self.pictures.scene.upload(&self.gpu, frame);
+        self.measure_light(set, frame, pose.camera_from_world())?;
+        stages_ms.push(("light", ms_since(begun)));
+
+        let begun = Instant::now();
+        let rgba = match (pose.camera_from_world(), self.light.take()) {
+            (Some(camera_from_world), Some(light)) => {
+                let rgba = self.draw(frame, camera_from_world, &light);
+                self.light = Some(light);
+                rgba?
+            }
+            (_, light) => {
+                self.light = light;
+                untouched(frame)
+            }
+        };
+        stages_ms.push(("draw", ms_since(begun)));
+        stages_ms.push(("total", ms_since(started)));
+        stages_ms.extend(self.timer.read_ms(&self.gpu)?);
+        Ok(RenderedFrame {
+            sequence: frame.meta.sequence,
+            timestamp_ns: frame.meta.timestamp_ns,
+            pose,
+            size_px: self.rig.scene_camera().intrinsics.size_px,
+            rgba,
+            stages_ms,
+        })
+    }
+
+    /// Takes the probe's picture in, if there is a new one.
+    fn measure_light(&mut self, set: &FrameSet, frame: &Frame, pose: Option<&Pose>) -> Result<(), RenderError> {
+        let rig = &self.rig;
+        let scene_camera = rig.scene_camera();
+        let view: Option<ProbeView<'_>> = match rig.probe_camera() {
+            Some(camera) => {
+                set.camera(&camera.name).zip(camera.camera_from_world).map(|(frame, pose)| (frame, camera, pose))
+            }
+            None => pose.map(|pose| (frame, scene_camera, *pose)),
+        };
+        let Some((probe_frame, probe_camera, camera_from_world)) = view else { return Ok(()) };
+        check_size(probe_frame, probe_camera)?;
+        if self.probe_sequence == Some(probe_frame.meta.sequence) {
+            return Ok(());
+        }
+        let camera = self.gpu_camera(probe_camera, &camera_from_world, probe_frame);
+        let probe = gpu_probe(
+            self.probe.optics(),
+            camera.position_m.truncate(),
+            &self.config.probe,
+            self.probe.room_m(),
+        );
+        let picture = match &mut self.pictures.probe {
+            Some(picture) => {
+                picture.upload(&self.gpu, probe_frame);
+                &*picture
+            }
+            None => &self.pictures.scene,
+        };
+        let measured = self.passes.radiance_map.run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
+        let scene_view = pose.map(|pose| SceneView {
+            picture: Picture::new(frame, scene_camera),
+            camera: scene_camera,
+            camera_from_world: *pose,
+        });
+        self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
+        self.probe_sequence = Some(probe_frame.meta.sequence);
+        Ok(())
+    }
+
+    /// Every pass of the picture, in order.
+    fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
+        let gpu = &self.gpu;
+        let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
+        gpu.write(&self.pictures.camera, &[camera]);
+        self.pictures.radiance.upload(gpu, &light.radiance);
+        self.pictures.far.upload(gpu, &light.far);
+        let probe_m = self.probe.optics().position_m();
+        self.environments.place(gpu, probe_m, light.room_m, self.config.probe.cube_size);
+        let lights: Vec<GpuLight> = light.lights.iter().map(|l| self.gpu_light(l, probe_m, light.room_m)).collect();
+        let matrices = |pick: fn(&GpuLight) -> Mat4| -> Vec<Option<Mat4>> {
+            lights.iter().map(|l| (l.intensity.truncate() != Vec3::ZERO).then(|| pick(l))).collect()
+        };
+        let frame_data = self.gpu_frame(lights.len());
+
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
+        let phantom_matrices = matrices(|l| l.phantom_clip_from_world);
+        let work = (&mut passes.phantom_maps, scene, &scene.phantoms);
+        passes.shadow_map.record(gpu, &mut encoder, timer, work, &phantom_matrices);
+        let virtual_matrices = matrices(|l| l.virtual_clip_from_world);
+        let work = (&mut passes.virtual_maps, scene, &scene.virtuals);
+        passes.shadow_map.record(gpu, &mut encoder, timer, work, &virtual_matrices);
+        passes.camera_depth.record(&mut encoder, timer, scene);
+        passes.local_environment.record(&mut encoder, timer);
+        passes.downsample.record(&mut encoder, timer);
+        passes.prefilter_specular.record(&mut encoder, timer, &self.environments);
+        passes.irradiance.record(&mut encoder, timer);
+        passes.shade.record(gpu, &mut encoder, timer, scene, (&frame_data, &lights));
+        passes.composite.record(&mut encoder, timer);
+        timer.record(&mut encoder);
+        gpu.queue.submit([encoder.finish()]);
+        passes.composite.read(gpu)
+    }
+
+    fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {
+        let view = self.config.view;
+        GpuCamera::new(camera, camera_from_world, &frame.meta.exposure, [view.near_m, view.far_m])
+    }
+
+    fn gpu_frame(&self, n_lights: usize) -> GpuFrame {
+        let taps = self.config.shadow.pcf_taps.isqrt();
+        let ball_m = match self.probe.optics() {
+            ProbeOptics::MirrorBall { ball, .. } => Some((ball.center_m, ball.radius_m)),
+            ProbeOptics::Fisheye { .. } => self.rig.ball.as_ref().map(|ball| (ball.center_m, ball.radius_m)),
+        };
+        let (center_m, radius_m) = ball_m.unwrap_or((DVec3::ZERO, 0.0));
+        GpuFrame {
+            counts: [n_lights as u32, taps, self.environments.slots.len() as u32, self.config.shadow.map_size],
+            ball_m: center_m.as_vec3().extend(radius_m as f32),
+        }
+    }
+
+    /// A light at the room's distance from the probe, with its shadow maps aimed at the virtual objects.
+    fn gpu_light(&self, light: &KeyLight, probe_m: Vec3, room_m: f32) -> GpuLight {
+        let size = self.config.shadow.map_size;
+        let position_m = probe_m + light.direction * room_m;
+        let virtuals = self.bounds.virtuals;
+        let receivers = Sphere { radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M, ..virtuals };
+        let (phantom, phantom_texel_m) = clip_from_world(position_m, receivers, self.bounds.everything, size);
+        let (of_virtual, virtual_texel_m) = clip_from_world(position_m, virtuals, self.bounds.everything, size);
+        // Taps further apart than a texel and a half would show as copies of the edge.
+        let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
+        let radius = |texel_m: f32| (light.angular_radius_rad * CASTER_HEIGHT_M / texel_m).clamp(0.75, widest.max(0.75));
+        GpuLight {
+            position_m: position_m.extend(radius(phantom_texel_m)),
+            intensity: (light.irradiance * room_m * room_m).extend(radius(virtual_texel_m)),
+            texel_m: glam::Vec4::new(phantom_texel_m, virtual_texel_m, 0.0, 0.0),
+            phantom_clip_from_world: phantom,
+            virtual_clip_from_world: of_virtual,
+        }
+    }
+}
+
+/// The camera's picture as RGBA.
+fn untouched(frame: &Frame) -> Vec<u8> {
+    frame.pixels.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect()
+}
+
+fn ms_since(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,66 @@
+//! The graphics device and what every pass needs of it.
+
+pub mod pass;
+pub mod readback;
+pub mod shader;
+pub mod timer;
+pub mod types;
+
+use crate::error::RenderError;
+
+/// A device, its queue, and what it is called.
+#[derive(Debug)]
+pub struct Gpu {
+    /// The instance, for surfaces.
+    pub instance: wgpu::Instance,
+    /// The adapter, for surface formats.
+    pub adapter: wgpu::Adapter,
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// Name of the adapter and its driver, for reports.
+    pub name: String,
+    /// Whether passes can be timed on the device.
+    pub has_timestamps: bool,
+}
+
+impl Gpu {
+    /// Opens the fastest Vulkan adapter; a software one when there is no other.
+    ///
+    /// # Errors
+    /// [`RenderError::NoAdapter`] without a Vulkan driver, [`RenderError::NoDevice`] when it refuses the device.
+    pub fn open() -> Result<Self, RenderError> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::VULKAN;
+        let instance = wgpu::Instance::new(descriptor);
+        let options = wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            ..wgpu::RequestAdapterOptions::default()
+        };
+        let adapter = pollster::block_on(instance.request_adapter(&options))
+            .map_err(|source| RenderError::NoAdapter { source })?;
+        let info = adapter.get_info();
+        let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("render node"),
+            required_features: if has_timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() },
+            required_limits: wgpu::Limits::default(),
+            ..wgpu::DeviceDescriptor::default()
+        }))
+        .map_err(|source| RenderError::NoDevice { adapter: info.name.clone(), source })?;
+        let name = format!("{} ({} {})", info.name, info.driver, info.driver_info);
+        Ok(Self { instance, adapter, device, queue, name, has_timestamps })
+    }
+
+    /// Waits until all submitted work is done.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn wait(&self, during: &'static str) -> Result<(), RenderError> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map(|_| ())
+            .map_err(|error| RenderError::Gpu { during, message: error.to_string() })
+    }
+}

@@ -1,0 +1,55 @@
+//! WGSL sources: each pass's own file, with `#import name` lines replaced by `shaders/shared/name.wgsl`.
+
+use std::borrow::Cow;
+
+/// Sources that passes share, by the name they are imported with.
+const SHARED: [(&str, &str); 7] = [
+    ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
+    ("camera", include_str!("../../shaders/shared/camera.wgsl")),
+    ("cube", include_str!("../../shaders/shared/cube.wgsl")),
+    ("lights", include_str!("../../shaders/shared/lights.wgsl")),
+    ("picture", include_str!("../../shaders/shared/picture.wgsl")),
+    ("sh", include_str!("../../shaders/shared/sh.wgsl")),
+    ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
+];
+
+/// Sources of the passes, by the name of the pass.
+pub const PASSES: [(&str, &str); 10] = [
+    ("camera_depth", include_str!("../../shaders/camera_depth.wgsl")),
+    ("composite", include_str!("../../shaders/composite.wgsl")),
+    ("downsample", include_str!("../../shaders/downsample.wgsl")),
+    ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
+    ("local_environment", include_str!("../../shaders/local_environment.wgsl")),
+    ("present", include_str!("../../shaders/present.wgsl")),
+    ("prefilter_specular", include_str!("../../shaders/prefilter_specular.wgsl")),
+    ("radiance_map", include_str!("../../shaders/radiance_map.wgsl")),
+    ("shade", include_str!("../../shaders/shade.wgsl")),
+    ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
+];
+
+/// The complete WGSL of a pass; an unknown import stays in place and fails to compile, naming the line.
+#[must_use]
+pub fn resolve(source: &str) -> String {
+    let mut out = String::with_capacity(source.len() + 4096);
+    for line in source.lines() {
+        match line.strip_prefix("#import ").and_then(|name| SHARED.iter().find(|(known, _)| *known == name.trim())) {
+            Some((_, shared)) => out.push_str(shared),
+            None => out.push_str(line),
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// Compiles the shader of the pass `name`.
+///
+/// # Panics
+/// Never for the names in [`PASSES`].
+#[must_use]
+pub fn module(device: &wgpu::Device, name: &'static str) -> wgpu::ShaderModule {
+    let source = PASSES.iter().find(|(known, _)| *known == name).map_or("", |(_, source)| source);
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(name),
+        source: wgpu::ShaderSource::Wgsl(Cow::Owned(resolve(source))),
+    })
+}

@@ -1,0 +1,152 @@
+//! What Rust and WGSL share: the same structs on both sides, compared member by member in a test.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Affine3A, DMat3, Mat3, Mat4, Vec4};
+use mirrorball_calib::camera::LensModel;
+use mirrorball_calib::pose::Pose;
+use mirrorball_calib::rig::Camera;
+use mirrorball_capture::frame::Exposure;
+
+/// Most lights at once; shadow maps are made for all of them at start.
+pub const MAX_LIGHTS: usize = 144;
+/// Most virtual objects with an environment of their own; further ones share the last.
+pub const MAX_ENVIRONMENTS: usize = 16;
+
+/// A camera as the shaders see it (`Camera` in `shared/camera.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuCamera {
+    /// World to camera.
+    pub camera_from_world: Mat4,
+    /// Camera's linear RGB to the rig's common RGB, in the upper left 3×3.
+    pub common_from_camera: Mat4,
+    /// Its inverse.
+    pub camera_from_common: Mat4,
+    /// xyz: camera centre in the world, metres; w: lens model, 0 Brown-Conrady, 1 Kannala-Brandt.
+    pub position_m: Vec4,
+    /// Focal lengths and principal point in pixels.
+    pub focal_and_principal_px: Vec4,
+    /// k1 k2 p1 p2, or k1 k2 k3 k4.
+    pub distortion: Vec4,
+    /// x: k3; y: largest usable normalised radius (Brown-Conrady) or angle in radians (Kannala-Brandt); z, w: size in px.
+    pub limits: Vec4,
+    /// xyz: signal per radiance of the three channels; w: unused.
+    pub signal_per_radiance: Vec4,
+    /// x, y: vignetting v1 and v2; z, w: near and far plane in metres.
+    pub vignetting_and_depth: Vec4,
+}
+
+impl GpuCamera {
+    /// A camera at a pose, with the exposure in force and the depth range (near, far) in metres.
+    #[must_use]
+    pub fn new(camera: &Camera, camera_from_world: &Pose, exposure: &Exposure, depth_m: [f32; 2]) -> Self {
+        let intrinsics = &camera.intrinsics;
+        let (distortion, k3, limit, model) = match intrinsics.lens {
+            LensModel::BrownConrady { k1, k2, p1, p2, k3 } => ([k1, k2, p1, p2], k3, intrinsics.max_radius(), 0.0),
+            LensModel::KannalaBrandt { k, max_angle_rad } => (k, 0.0, max_angle_rad, 1.0),
+        };
+        let signal = camera.photometry.signal_per_radiance(exposure).map(|s| s as f32);
+        let color = camera.photometry.color;
+        let vignetting = camera.photometry.vignetting.map(|v| v as f32);
+        let [width, height] = intrinsics.size_px.map(|s| s as f32);
+        Self {
+            camera_from_world: Mat4::from(crate::scene::affine(camera_from_world)),
+            common_from_camera: Mat4::from_mat3(color.as_mat3()),
+            camera_from_common: Mat4::from_mat3(inverse(color)),
+            position_m: camera_from_world.inverse().translation.as_vec3().extend(model),
+            focal_and_principal_px: Vec4::new(
+                intrinsics.focal_px.x as f32,
+                intrinsics.focal_px.y as f32,
+                intrinsics.principal_point_px.x as f32,
+                intrinsics.principal_point_px.y as f32,
+            ),
+            distortion: Vec4::from_array(distortion.map(|d| d as f32)),
+            limits: Vec4::new(k3 as f32, limit.min(1e6) as f32, width, height),
+            signal_per_radiance: Vec4::new(signal[0], signal[1], signal[2], 0.0),
+            vignetting_and_depth: Vec4::new(vignetting[0], vignetting[1], depth_m[0], depth_m[1]),
+        }
+    }
+}
+
+fn inverse(matrix: DMat3) -> Mat3 {
+    matrix.inverse().as_mat3()
+}
+
+/// How the probe is looked at (`Probe` in `radiance_map.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuProbe {
+    /// xyz: ball centre or fisheye lens in the world, metres; w: ball radius, 0 for a fisheye.
+    pub position_m: Vec4,
+    /// xyz: the ball's reflectance, 1 for a fisheye; w: distance of the room, metres.
+    pub reflectance: Vec4,
+    /// x: least cosine of reflection; y: angle around the camera's own image that is left out, radians;
+    /// z: cube size in texels; w: unused.
+    pub limits: Vec4,
+}
+
+/// One light with its two shadow maps (`Light` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuLight {
+    /// xyz: where it stands in the world, metres; w: filter radius in the phantoms' shadow map, texels.
+    pub position_m: Vec4,
+    /// xyz: intensity, so that irradiance = intensity cos θ / distance²; w: filter radius in the virtual objects' map.
+    pub intensity: Vec4,
+    /// x, y: size of a texel of the two maps in the middle of the scene, metres; z, w: unused.
+    pub texel_m: Vec4,
+    /// World to the phantoms' shadow map.
+    pub phantom_clip_from_world: Mat4,
+    /// World to the virtual objects' shadow map.
+    pub virtual_clip_from_world: Mat4,
+}
+
+/// What all fragments of a frame share (`Frame` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuFrame {
+    /// x: number of lights; y: filter taps per side (3, 5, 7); z: number of environments; w: shadow map size.
+    pub counts: [u32; 4],
+    /// xyz: the mirror ball's centre, world; w: its radius, 0 when there is none.
+    pub ball_m: Vec4,
+}
+
+/// Placement of one object (`Object` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuObject {
+    /// Object to world.
+    pub world_from_object: Mat4,
+    /// x: environment slot; y: 1 for virtual objects, 0 for phantoms; z, w: unused.
+    pub environment: [u32; 4],
+}
+
+impl GpuObject {
+    /// An object at a placement, lit by environment `slot`.
+    #[must_use]
+    pub fn new(world_from_object: Affine3A, slot: u32, is_virtual: u32) -> Self {
+        Self { world_from_object: Mat4::from(world_from_object), environment: [slot, is_virtual, 0, 0] }
+    }
+}
+
+/// One material (`Material` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuMaterial {
+    /// xyz: linear base colour; w: unused.
+    pub base_color: Vec4,
+    /// xyz: dielectric reflectance at normal incidence; w: at grazing incidence.
+    pub dielectric: Vec4,
+    /// x: metallic; y: perceptual roughness; z: layer of the base colour picture plus 1, 0 for none; w: unused.
+    pub parameters: Vec4,
+}
+
+/// Where an object's own environment is taken (`Environment` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuEnvironment {
+    /// xyz: middle of the object's bounding box, world, metres; w: distance of the room from the probe, metres.
+    pub position_m: Vec4,
+    /// xyz: the probe's place, world, metres; w: edge of the probe's cube in texels.
+    pub probe_m: Vec4,
+}

@@ -1,0 +1,287 @@
+//! The render node: everything that lasts from frame to frame.
+
+use glam::Vec3;
+use mirrorball_calib::rig::{Camera, Rig};
+use mirrorball_capture::frame::{Frame, FrameSet};
+
+use crate::config::RenderConfig;
+use crate::environments::{CubeTexture, Environments};
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::gpu::timer::Timer;
+use crate::gpu::types::GpuCamera;
+use crate::passes::camera_depth::CameraDepth;
+use crate::passes::composite::Composite;
+use crate::passes::downsample::Downsample;
+use crate::passes::irradiance::Irradiance;
+use crate::passes::local_environment::{self, LocalEnvironment};
+use crate::passes::prefilter_specular::PrefilterSpecular;
+use crate::passes::radiance_map::RadianceMap;
+use crate::passes::shade::{self, Shade};
+use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
+use crate::probe::{Light, LightProbe, ProbeOptics};
+use crate::scene::occluders::Occluders;
+use crate::scene::{Kind, Scene};
+use crate::scene_gpu::{PictureBuffers, SceneBuffers};
+use crate::tracker::{TrackedPose, Tracker};
+
+/// A finished frame.
+#[derive(Debug, Clone)]
+pub struct RenderedFrame {
+    /// Sequence number of the scene camera's frame.
+    pub sequence: u64,
+    /// Its time stamp, nanoseconds.
+    pub timestamp_ns: u64,
+    /// Where the scene camera was.
+    pub pose: TrackedPose,
+    /// Columns and rows.
+    pub size_px: [u32; 2],
+    /// The picture, 8-bit RGBA, rows from the top, encoded as the camera encodes.
+    pub rgba: Vec<u8>,
+    /// Milliseconds per stage, in order; `gpu_` stages were timed by the GPU.
+    pub stages_ms: Vec<(&'static str, f64)>,
+}
+
+/// The render node.
+#[derive(Debug)]
+pub struct RenderNode {
+    pub(crate) gpu: Gpu,
+    pub(crate) rig: Rig,
+    pub(crate) config: RenderConfig,
+    pub(crate) occluders: Occluders,
+    pub(crate) tracker: Tracker,
+    pub(crate) probe: LightProbe,
+    pub(crate) light: Option<Light>,
+    /// Sequence number of the probe frame that `light` comes from.
+    pub(crate) probe_sequence: Option<u64>,
+    pub(crate) timer: Timer,
+    pub(crate) bounds: Bounds,
+    pub(crate) pictures: Pictures,
+    pub(crate) passes: Passes,
+    pub(crate) scene: SceneBuffers,
+    pub(crate) environments: Environments,
+}
+
+/// Spheres around parts of the scene, for the shadow maps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Bounds {
+    pub(crate) virtuals: Sphere,
+    pub(crate) everything: Sphere,
+}
+
+/// Pictures of the cameras and light cubes on the GPU.
+#[derive(Debug)]
+pub(crate) struct Pictures {
+    pub(crate) scene: PictureBuffers,
+    /// Of the fixed probe camera, if there is one.
+    pub(crate) probe: Option<PictureBuffers>,
+    pub(crate) camera: wgpu::Buffer,
+    pub(crate) radiance: CubeTexture,
+    pub(crate) far: CubeTexture,
+}
+
+/// The passes of a frame, in their order.
+#[derive(Debug)]
+pub(crate) struct Passes {
+    pub(crate) radiance_map: RadianceMap,
+    pub(crate) shadow_map: ShadowMapPass,
+    pub(crate) phantom_maps: ShadowMaps,
+    pub(crate) virtual_maps: ShadowMaps,
+    pub(crate) camera_depth: CameraDepth,
+    pub(crate) local_environment: LocalEnvironment,
+    pub(crate) downsample: Downsample,
+    pub(crate) prefilter_specular: PrefilterSpecular,
+    pub(crate) irradiance: Irradiance,
+    pub(crate) shade: Shade,
+    pub(crate) composite: Composite,
+}
+
+impl RenderNode {
+    /// Prepares everything for a rig and a scene.
+    ///
+    /// # Errors
+    /// [`RenderError::NoProbe`] when the rig has no light probe.
+    pub fn new(gpu: Gpu, rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
+        let optics = ProbeOptics::of_rig(&rig)?;
+        let occluders = phantoms(scene, &rig);
+        let bounds = Bounds::new(scene, &rig);
+        let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
+        let buffers = SceneBuffers::new(&gpu, scene, &rig);
+        let environments = Environments::new(&gpu, scene, &rig, &occluders);
+        let camera = rig.scene_camera();
+        let cube_size = config.probe.cube_size;
+        let pictures = Pictures {
+            scene: PictureBuffers::new(&gpu, camera),
+            probe: rig.probe_camera().map(|camera| PictureBuffers::new(&gpu, camera)),
+            camera: gpu.buffer("scene camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
+            radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
+            far: CubeTexture::new(&gpu, "light: room", cube_size),
+        };
+        let passes = Passes::new(&gpu, &config, camera, (&buffers, &environments, &pictures, &probe));
+        Ok(Self {
+            tracker: Tracker::new(&rig),
+            timer: Timer::new(&gpu),
+            light: None,
+            probe_sequence: None,
+            gpu,
+            rig,
+            config,
+            occluders,
+            probe,
+            bounds,
+            pictures,
+            passes,
+            scene: buffers,
+            environments,
+        })
+    }
+
+    /// Name of the graphics adapter.
+    #[must_use]
+    pub fn adapter_name(&self) -> &str {
+        &self.gpu.name
+    }
+
+    /// The graphics device, for a window that shows the pictures.
+    #[must_use]
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// The light as last measured.
+    #[must_use]
+    pub fn light(&self) -> Option<&Light> {
+        self.light.as_ref()
+    }
+
+    /// The light at each virtual object as the renderer uses it there: name and radiance cube.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn local_light(&self) -> Result<Vec<(String, crate::probe::cube::Cube<Vec3>)>, RenderError> {
+        self.environments.read(&self.gpu)
+    }
+
+    /// The scene camera's frame of a set, checked against the rig.
+    pub(crate) fn scene_frame<'a>(&self, set: &'a FrameSet) -> Result<&'a Frame, RenderError> {
+        let camera = self.rig.scene_camera();
+        let frame = set.camera(&camera.name).ok_or_else(|| RenderError::Source {
+            from: camera.name.clone(),
+            source: "the frame set has no frame of the scene camera that the rig names".into(),
+        })?;
+        check_size(frame, camera)?;
+        Ok(frame)
+    }
+}
+
+pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderError> {
+    let found = [frame.size.width, frame.size.height];
+    if found == camera.intrinsics.size_px && frame.pixels.len() == 3 * frame.size.pixels() {
+        return Ok(());
+    }
+    Err(RenderError::FrameSize {
+        camera: camera.name.clone(),
+        sequence: frame.meta.sequence,
+        found,
+        expected: camera.intrinsics.size_px,
+    })
+}
+
+impl Bounds {
+    fn new(scene: &Scene, rig: &Rig) -> Self {
+        let spheres = |kind: Option<Kind>| {
+            let sphere = |o: &crate::scene::Object| {
+                let (center_m, radius_m) = o.bounding_sphere(rig);
+                Sphere { center_m, radius_m }
+            };
+            let all: Vec<Sphere> =
+                scene.objects.iter().filter(|o| kind.is_none_or(|k| o.kind == k)).map(sphere).collect();
+            // Without any object the maps stay empty; any sphere will do.
+            enclosing(&all).unwrap_or(Sphere { center_m: Vec3::ZERO, radius_m: 0.1 })
+        };
+        Self { virtuals: spheres(Some(Kind::Virtual)), everything: spheres(None) }
+    }
+}
+
+impl Passes {
+    fn new(
+        gpu: &Gpu,
+        config: &RenderConfig,
+        camera: &Camera,
+        (scene, environments, pictures, probe): (&SceneBuffers, &Environments, &Pictures, &LightProbe),
+    ) -> Self {
+        let size_px = camera.intrinsics.size_px;
+        let n_lights = config.shadow.dome_lights + config.shadow.bright_lights;
+        let shadow_map = ShadowMapPass::new(gpu);
+        let map_shape = [config.shadow.map_size, n_lights];
+        let phantom_maps = shadow_map.maps(gpu, "shadow_map: phantoms", scene, map_shape);
+        let virtual_maps = shadow_map.maps(gpu, "shadow_map: virtual objects", scene, map_shape);
+        let camera_depth = CameraDepth::new(gpu, &pictures.camera, scene, size_px);
+        let sampler = gpu.linear_sampler();
+        let local_environment = LocalEnvironment::new(
+            gpu,
+            environments,
+            local_environment::Inputs {
+                camera: &pictures.camera,
+                response: &pictures.scene.response,
+                picture: &pictures.scene.view,
+                camera_depth: &camera_depth.view,
+                probe_radiance: &pictures.radiance.view,
+                far_radiance: &pictures.far.view,
+                sampler: &sampler,
+            },
+        );
+        let shade = Shade::new(
+            gpu,
+            shade::Inputs {
+                camera: &pictures.camera,
+                scene,
+                environments,
+                phantom_maps: &phantom_maps.view,
+                virtual_maps: &virtual_maps.view,
+                sampler: &sampler,
+            },
+            size_px,
+            n_lights as usize,
+        );
+        Self {
+            radiance_map: RadianceMap::new(gpu, probe.near_m()),
+            downsample: Downsample::new(gpu, environments),
+            prefilter_specular: PrefilterSpecular::new(gpu, environments, &sampler),
+            irradiance: Irradiance::new(gpu, environments),
+            composite: Composite::new(gpu, &pictures.camera, &pictures.scene, &shade, size_px),
+            shadow_map,
+            phantom_maps,
+            virtual_maps,
+            camera_depth,
+            local_environment,
+            shade,
+        }
+    }
+}
+
+/// The phantoms' triangles in the world.
+fn phantoms(scene: &Scene, rig: &Rig) -> Occluders {
+    let mut triangles = Vec::new();
+    for object in scene.objects.iter().filter(|o| o.kind == Kind::Phantom) {
+        let world_from_object = object.world_from_object(rig);
+        for triangle in object.mesh.indices.chunks_exact(3) {
+            triangles.push([0, 1, 2].map(|i| {
+                let vertex = &object.mesh.vertices[triangle[i] as usize];
+                world_from_object.transform_point3(Vec3::from(vertex.position))
+            }));
+        }
+    }
+    Occluders::new(triangles)
+}
+
+/// Places that light is wanted for: the middles of the virtual objects and a little above.
+fn points_of_interest(scene: &Scene, rig: &Rig) -> Vec<Vec3> {
+    scene
+        .virtual_objects()
+        .flat_map(|(_, object)| {
+            let (center_m, radius_m) = object.bounding_sphere(rig);
+            [center_m, center_m + Vec3::Z * radius_m]
+        })
+        .collect()
+}

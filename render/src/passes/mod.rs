@@ -1,0 +1,21 @@
+//! The passes of a frame; each owns its pipeline and records itself.
+
+pub mod camera_depth;
+pub mod composite;
+pub mod downsample;
+pub mod irradiance;
+pub mod local_environment;
+pub mod prefilter_specular;
+pub mod radiance_map;
+pub mod shade;
+pub mod shadow_map;
+
+/// Edge of the cube of a virtual object's own environment, texels.
+pub const ENVIRONMENT_SIZE: u32 = 128;
+/// Mips of that cube: 128, 64, 32, 16, 8, 4; roughness 0 to 1 in as many steps.
+pub const ENVIRONMENT_MIPS: u32 = 6;
+
+/// Workgroups of 8 that cover `texels`.
+fn groups(texels: u32) -> u32 {
+    texels.div_ceil(8)
+}

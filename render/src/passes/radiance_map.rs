@@ -1,0 +1,107 @@
+//! Probe picture to radiance cube.
+
+use glam::{Vec3, Vec4};
+
+use super::groups;
+use crate::config::ProbeConfig;
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::gpu::readback::Readback;
+use crate::gpu::timer::{Ends, Timer};
+use crate::gpu::types::{GpuCamera, GpuProbe};
+use crate::probe::ProbeOptics;
+use crate::probe::cube::{Cube, FACES};
+use crate::scene_gpu::PictureBuffers;
+
+/// The pass with its buffers.
+#[derive(Debug)]
+pub struct RadianceMap {
+    pipeline: wgpu::ComputePipeline,
+    camera: wgpu::Buffer,
+    probe: wgpu::Buffer,
+    near_m: wgpu::Buffer,
+    out: Readback,
+    cube_size: u32,
+}
+
+impl RadianceMap {
+    /// A pass for cubes like `near_m`, the distances to the first phantom in metres.
+    #[must_use]
+    pub fn new(gpu: &Gpu, near_m: &Cube<f32>) -> Self {
+        let texels = near_m.texels().len();
+        Self {
+            pipeline: gpu.compute_pipeline("radiance_map"),
+            camera: gpu.buffer("radiance_map: camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
+            probe: gpu.buffer("radiance_map: probe", &[<GpuProbe as bytemuck::Zeroable>::zeroed()]),
+            near_m: gpu.buffer("radiance_map: distances", near_m.texels()),
+            out: Readback::new(gpu, "radiance_map: radiance", (texels * size_of::<Vec4>()) as u64),
+            cube_size: near_m.size(),
+        }
+    }
+
+    /// Distances to the first phantom, for other passes.
+    #[must_use]
+    pub fn near_m(&self) -> &wgpu::Buffer {
+        &self.near_m
+    }
+
+    /// Measures the cube: rgb radiance; a 0 not seen, else 1 plus the bits of clipped channels.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn run(
+        &self,
+        gpu: &Gpu,
+        timer: &mut Timer,
+        inputs: (&GpuCamera, &GpuProbe, &PictureBuffers),
+    ) -> Result<Vec<Vec4>, RenderError> {
+        let (camera, probe, picture) = inputs;
+        gpu.write(&self.camera, &[*camera]);
+        gpu.write(&self.probe, &[*probe]);
+        let bindings = gpu.bind(
+            "radiance_map",
+            &self.pipeline.get_bind_group_layout(0),
+            &[
+                self.camera.as_entire_binding(),
+                self.probe.as_entire_binding(),
+                picture.response.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&picture.view),
+                self.near_m.as_entire_binding(),
+                self.out.buffer().as_entire_binding(),
+            ],
+        );
+        let mut encoder =
+            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("radiance_map") });
+        {
+            let span = timer.span("radiance_map");
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("radiance_map"),
+                timestamp_writes: span.compute(Ends::Both),
+            });
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &bindings, &[]);
+            pass.dispatch_workgroups(groups(self.cube_size), groups(self.cube_size), FACES as u32);
+        }
+        self.out.record(&mut encoder);
+        gpu.queue.submit([encoder.finish()]);
+        let mut out = vec![Vec4::ZERO; FACES * (self.cube_size * self.cube_size) as usize];
+        self.out.read(gpu, &mut out)?;
+        Ok(out)
+    }
+}
+
+/// The probe as the shader takes it; `camera_m` is the centre of the camera that looks at it, world frame, metres.
+#[must_use]
+pub fn gpu_probe(optics: &ProbeOptics, camera_m: Vec3, config: &ProbeConfig, room_m: f32) -> GpuProbe {
+    let (radius_m, reflectance) = match optics {
+        ProbeOptics::MirrorBall { ball, reflectance } => (ball.radius_m as f32, *reflectance),
+        ProbeOptics::Fisheye { .. } => (0.0, Vec3::ONE),
+    };
+    let position_m = optics.position_m();
+    let camera_angle = (config.camera_radius_m / camera_m.distance(position_m).max(1e-3)).min(1.0).asin();
+    GpuProbe {
+        position_m: position_m.extend(radius_m),
+        reflectance: reflectance.extend(room_m),
+        limits: Vec4::new(config.min_view_cosine, camera_angle, config.cube_size as f32, 0.0),
+    }
+}

@@ -1,0 +1,265 @@
+//! The light probe: a measured radiance cube becomes light from every direction, with what the camera could not see or
+//! could not count put back.
+
+pub mod cube;
+pub mod fill;
+pub mod key_light;
+pub mod light_meter;
+pub mod mirror_ball;
+pub mod radiance;
+pub mod sh;
+pub mod surroundings;
+
+use glam::{DVec3, Vec3, Vec4};
+use mirrorball_calib::pose::Pose;
+use mirrorball_calib::rig::{Camera, Rig, Role};
+use rayon::prelude::*;
+
+use crate::config::{ProbeConfig, RenderConfig};
+use crate::error::RenderError;
+use crate::scene::occluders::Occluders;
+use cube::Cube;
+use key_light::{KeyLight, LightChooser};
+use light_meter::{KnownLight, LightMeter, MeterFit, clipped_regions};
+use mirror_ball::MirrorBall;
+use radiance::{Picture, luminance};
+use surroundings::NOTHING_M;
+
+/// What looks at the light.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ProbeOptics {
+    /// A mirror ball.
+    MirrorBall {
+        /// Where it stands.
+        ball: MirrorBall,
+        /// Linear reflectance of red, green and blue.
+        reflectance: Vec3,
+    },
+    /// A fisheye lens at this place of the world, metres.
+    Fisheye {
+        /// The camera's centre.
+        lens_m: DVec3,
+    },
+}
+
+impl ProbeOptics {
+    /// The probe that a rig has: its fisheye camera, else its mirror ball.
+    ///
+    /// # Errors
+    /// [`RenderError::NoProbe`] when it has neither.
+    pub fn of_rig(rig: &Rig) -> Result<Self, RenderError> {
+        if let Some(camera) = rig.probe_camera()
+            && camera.role == Role::Fisheye
+        {
+            let camera_from_world = camera
+                .camera_from_world
+                .ok_or(RenderError::NoProbe { message: "the fisheye camera has no `camera_from_world`" })?;
+            return Ok(Self::Fisheye { lens_m: camera_from_world.inverse().translation });
+        }
+        let ball = rig.ball.as_ref().ok_or(RenderError::NoProbe { message: "there is neither a ball nor a fisheye" })?;
+        Ok(Self::MirrorBall {
+            ball: MirrorBall { center_m: ball.center_m, radius_m: ball.radius_m },
+            reflectance: DVec3::from_array(ball.reflectance).as_vec3(),
+        })
+    }
+
+    /// The place whose light is measured: ball centre or lens, world frame, metres.
+    #[must_use]
+    pub fn position_m(&self) -> Vec3 {
+        match self {
+            Self::MirrorBall { ball, .. } => ball.center_m.as_vec3(),
+            Self::Fisheye { lens_m } => lens_m.as_vec3(),
+        }
+    }
+
+    /// Phantoms nearer to the probe than this are the probe itself, metres.
+    fn own_extent_m(&self) -> f32 {
+        match self {
+            Self::MirrorBall { ball, .. } => 1.05 * ball.radius_m as f32,
+            Self::Fisheye { .. } => 1e-3,
+        }
+    }
+}
+
+/// The scene camera's view of a frame, for what the probe cannot see and for reading papers.
+#[derive(Debug, Clone, Copy)]
+pub struct SceneView<'a> {
+    /// Its picture.
+    pub picture: Picture<'a>,
+    /// Its lens.
+    pub camera: &'a Camera,
+    /// Its pose.
+    pub camera_from_world: Pose,
+}
+
+/// Light at the probe's place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Light {
+    /// Radiance that arrives at the probe from every direction, linear RGB.
+    pub radiance: Cube<Vec3>,
+    /// The same without the phantoms: from the room, as far as is known or can be guessed.
+    pub far: Cube<Vec3>,
+    /// `far` as lights, dome first.
+    pub lights: Vec<KeyLight>,
+    /// Distance of the room from the probe, metres.
+    pub room_m: f32,
+    /// What the papers said.
+    pub meter: MeterFit,
+}
+
+/// What is remembered of a texel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Memory {
+    radiance: Vec3,
+    /// Frames in the average, 0 when never seen.
+    frames: u8,
+    /// Clipped channels when last seen.
+    clipped: u8,
+}
+
+/// The light probe over time.
+#[derive(Debug)]
+pub struct LightProbe {
+    config: ProbeConfig,
+    optics: ProbeOptics,
+    near_m: Cube<f32>,
+    chooser: LightChooser,
+    meter: LightMeter,
+    memory: Vec<Memory>,
+    room_m: Option<f32>,
+    n_updates: usize,
+}
+
+impl LightProbe {
+    /// A probe that has seen nothing yet, among phantoms; `interest` are the points that light is wanted for.
+    #[must_use]
+    pub fn new(config: &RenderConfig, rig: &Rig, optics: ProbeOptics, occluders: &Occluders, interest: &[Vec3]) -> Self {
+        const OPEN_CUBE_SIZE: u32 = 32;
+        let open = surroundings::open_directions(occluders, interest, OPEN_CUBE_SIZE);
+        let size = config.probe.cube_size;
+        let near_m = surroundings::distances_m(occluders, optics.position_m(), optics.own_extent_m(), size);
+        Self {
+            config: config.probe,
+            chooser: LightChooser::new(&open, config.shadow.dome_lights, config.shadow.bright_lights),
+            meter: LightMeter::new(rig, occluders),
+            memory: vec![Memory::default(); near_m.texels().len()],
+            near_m,
+            optics,
+            room_m: None,
+            n_updates: 0,
+        }
+    }
+
+    /// What looks at the light.
+    #[must_use]
+    pub fn optics(&self) -> &ProbeOptics {
+        &self.optics
+    }
+
+    /// Distance to the first phantom in every direction, metres.
+    #[must_use]
+    pub fn near_m(&self) -> &Cube<f32> {
+        &self.near_m
+    }
+
+    /// Distance of the room as known so far, metres.
+    #[must_use]
+    pub fn room_m(&self) -> f32 {
+        self.room_m.unwrap_or(self.config.room_distance_m)
+    }
+
+    /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of clipped channels) and gives the
+    /// light. Without a view of the scene (no pose) nothing is put back from the papers.
+    pub fn update(&mut self, measured: &[Vec4], view: Option<&SceneView<'_>>, occluders: &Occluders) -> Light {
+        self.remember(measured);
+        if let Some(view) = view {
+            self.look_from_camera(measured, view, occluders);
+        }
+        self.n_updates += 1;
+        let (mut far, mut radiance) = self.filled();
+        let clipped = Cube::from_texels(self.near_m.size(), self.memory.iter().map(|m| m.clipped).collect())
+            .unwrap_or_else(|| self.near_m.map(|_| 0));
+        let regions = clipped_regions(&clipped, &self.near_m);
+        let readings = view.map_or_else(Vec::new, |view| {
+            self.meter.read(&view.picture, view.camera, &view.camera_from_world, occluders)
+        });
+        let known = KnownLight { probe_m: self.optics.position_m(), far: &far, radiance: &radiance };
+        let question = self.meter.question(&readings, known, &regions, occluders);
+        if !readings.is_empty() {
+            let seen_m = question.room_m(self.config.room_distance_m);
+            self.room_m = Some(self.room_m.map_or(seen_m, |before| before.powf(0.75) * seen_m.powf(0.25)));
+        }
+        let meter = question.explain(self.room_m());
+        for (region, missing) in regions.iter().zip(&meter.missing_radiance) {
+            for &texel in &region.texels {
+                far.texels_mut()[texel] += *missing;
+                radiance.texels_mut()[texel] += *missing;
+            }
+        }
+        let lights = self.chooser.choose(&far);
+        Light { radiance, far, lights, room_m: self.room_m(), meter }
+    }
+
+    /// Averages what stays and replaces what changed.
+    fn remember(&mut self, measured: &[Vec4]) {
+        let config = self.config;
+        self.memory.par_iter_mut().zip(measured).for_each(|(memory, texel)| {
+            if texel.w >= 1.0 {
+                memory.take(texel.truncate(), texel.w as u8 - 1, &config);
+            }
+        });
+    }
+
+    /// Fills in phantoms that the probe cannot see but the scene camera can; a quarter of them per frame after the first.
+    fn look_from_camera(&mut self, measured: &[Vec4], view: &SceneView<'_>, occluders: &Occluders) {
+        const PARTS: usize = 4;
+        let config = self.config;
+        let (probe_m, near_m, n) = (self.optics.position_m(), &self.near_m, self.n_updates);
+        let eye = view.camera_from_world.inverse().translation.as_vec3();
+        self.memory.par_iter_mut().enumerate().for_each(|(index, memory)| {
+            let distance = near_m.texels()[index];
+            if measured[index].w >= 1.0 || distance >= NOTHING_M || (n > 0 && index % PARTS != n % PARTS) {
+                return;
+            }
+            let point = probe_m + near_m.direction(index) * distance;
+            let in_camera = view.camera_from_world.transform_point(DVec3::from(point));
+            let sample = view.camera.intrinsics.project(in_camera).and_then(|pixel| view.picture.sample(pixel));
+            if let Some(sample) = sample
+                && !occluders.blocks(eye, point)
+            {
+                memory.take(sample.radiance, sample.clipped, &config);
+            }
+        });
+    }
+
+    /// Every direction filled: the room alone, and the room with the phantoms before it.
+    fn filled(&self) -> (Cube<Vec3>, Cube<Vec3>) {
+        let known = |is_near: bool| {
+            let texel = |(memory, &near): (&Memory, &f32)| {
+                let is_known = memory.frames > 0 && (near < NOTHING_M) == is_near;
+                memory.radiance.extend(if is_known { 1.0 } else { 0.0 })
+            };
+            let texels = self.memory.iter().zip(self.near_m.texels()).map(texel).collect();
+            Cube::from_texels(self.near_m.size(), texels).unwrap_or_else(|| self.near_m.map(|_| Vec4::ZERO))
+        };
+        let far = fill::fill_unknown(&known(false));
+        let near = fill::fill_unknown(&known(true));
+        let mut radiance = far.clone();
+        for ((texel, near), distance) in radiance.texels_mut().iter_mut().zip(near.texels()).zip(self.near_m.texels()) {
+            if *distance < NOTHING_M {
+                *texel = *near;
+            }
+        }
+        (far, radiance)
+    }
+}
+
+impl Memory {
+    fn take(&mut self, radiance: Vec3, clipped: u8, config: &ProbeConfig) {
+        let (new, old) = (luminance(radiance), luminance(self.radiance));
+        let has_changed = self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped != self.clipped;
+        self.frames = if has_changed { 1 } else { (self.frames + 1).min(config.average_frames as u8) };
+        self.radiance += (radiance - self.radiance) / f32::from(self.frames);
+        self.clipped = clipped;
+    }
+}

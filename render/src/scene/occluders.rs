@@ -1,0 +1,95 @@
+//! What is in the way: the real things' triangles, arranged so that rays find them fast.
+
+use std::time::Duration;
+
+use glam::{Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
+
+/// Triangles in the world frame, in metres, behind a bounding volume hierarchy.
+#[derive(Default)]
+pub struct Occluders {
+    hierarchy: Option<Bvh2>,
+    triangles: Vec<Triangle>,
+}
+
+impl Occluders {
+    /// Arranges triangles given by their corners (world frame, metres).
+    #[must_use]
+    pub fn new(corners: impl IntoIterator<Item = [Vec3; 3]>) -> Self {
+        let triangles: Vec<Triangle> = corners
+            .into_iter()
+            .map(|[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
+            .filter(|t| t.v0.is_finite() && t.v1.is_finite() && t.v2.is_finite())
+            .collect();
+        let hierarchy = (!triangles.is_empty()).then(|| {
+            build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default())
+        });
+        Self { hierarchy, triangles }
+    }
+
+    /// Distance in metres to the first triangle from `origin` along the unit vector `direction`, beyond `from_m`.
+    #[must_use]
+    pub fn distance_m(&self, origin: Vec3, direction: Vec3, from_m: f32) -> Option<f32> {
+        let hierarchy = self.hierarchy.as_ref()?;
+        let ray = Ray::new(Vec3A::from(origin), Vec3A::from(direction), from_m, f32::INFINITY);
+        let mut hit = RayHit::none();
+        hierarchy
+            .ray_traverse(ray, &mut hit, |ray, id| {
+                self.triangles[hierarchy.primitive_indices[id] as usize].intersect(ray)
+            })
+            .then_some(hit.t)
+    }
+
+    /// Whether anything stands between two points, 1 mm at both ends left out.
+    #[must_use]
+    pub fn blocks(&self, from: Vec3, to: Vec3) -> bool {
+        const CLEARANCE_M: f32 = 1e-3;
+        let way = to - from;
+        let length = way.length();
+        if length <= 2.0 * CLEARANCE_M {
+            return false;
+        }
+        self.distance_m(from, way / length, CLEARANCE_M).is_some_and(|d| d < length - CLEARANCE_M)
+    }
+}
+
+impl std::fmt::Debug for Occluders {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Occluders").field("n_triangles", &self.triangles.len()).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square() -> Occluders {
+        let (a, b, c, d) = (
+            Vec3::new(-1.0, -1.0, 0.5),
+            Vec3::new(1.0, -1.0, 0.5),
+            Vec3::new(1.0, 1.0, 0.5),
+            Vec3::new(-1.0, 1.0, 0.5),
+        );
+        Occluders::new([[a, b, c], [a, c, d]])
+    }
+
+    #[test]
+    fn a_ray_finds_the_square_from_both_sides() {
+        let square = square();
+        assert!((square.distance_m(Vec3::ZERO, Vec3::Z, 0.0).unwrap() - 0.5).abs() < 1e-6);
+        assert!((square.distance_m(Vec3::Z, Vec3::NEG_Z, 0.0).unwrap() - 0.5).abs() < 1e-6);
+        assert_eq!(square.distance_m(Vec3::ZERO, Vec3::X, 0.0), None);
+    }
+
+    #[test]
+    fn blocking_needs_the_square_between_the_points() {
+        let square = square();
+        assert!(square.blocks(Vec3::ZERO, Vec3::Z));
+        assert!(!square.blocks(Vec3::ZERO, Vec3::new(0.0, 0.0, 0.4)));
+        assert!(!Occluders::default().blocks(Vec3::ZERO, Vec3::Z));
+    }
+}

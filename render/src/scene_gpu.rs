@@ -1,0 +1,189 @@
+//! The scene and the cameras' pictures as the GPU holds them.
+
+use glam::Vec4;
+use mirrorball_calib::rig::{Camera, Rig};
+use mirrorball_capture::frame::Frame;
+
+use crate::gpu::Gpu;
+use crate::gpu::pass::TextureShape;
+use crate::gpu::types::{GpuMaterial, GpuObject, MAX_ENVIRONMENTS};
+use crate::scene::{Kind, Scene, Vertex, subdivided};
+
+/// Longest edge of a triangle before it is split for the lens, metres.
+const MAX_EDGE_M: f32 = 0.04;
+/// Base colour pictures are scaled to this edge, texels.
+const BASE_COLOR_SIZE: u32 = 1024;
+
+/// All triangles, objects and materials.
+#[derive(Debug)]
+pub struct SceneBuffers {
+    /// Vertices of all objects.
+    pub vertices: wgpu::Buffer,
+    /// Triangles of phantoms.
+    pub phantoms: IndexRange,
+    /// Triangles of virtual objects.
+    pub virtuals: IndexRange,
+    /// Placements.
+    pub objects: wgpu::Buffer,
+    /// Materials.
+    pub materials: wgpu::Buffer,
+    /// Base colour pictures, one layer each.
+    pub base_colors: wgpu::TextureView,
+}
+
+/// Indices of some triangles.
+#[derive(Debug)]
+pub struct IndexRange {
+    /// Three per triangle; at least one triangle's worth of space.
+    pub buffer: wgpu::Buffer,
+    /// How many count.
+    pub n_indices: u32,
+}
+
+impl SceneBuffers {
+    /// Uploads a scene.
+    #[must_use]
+    pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Self {
+        let mut vertices: Vec<Vertex> = Vec::new();
+        let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
+        let (mut objects, mut materials, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
+        let mut n_virtual = 0u32;
+        for (index, object) in scene.objects.iter().enumerate() {
+            let mesh = subdivided(&object.mesh, MAX_EDGE_M);
+            let (first_vertex, first_material) = (vertices.len() as u32, materials.len() as u32);
+            vertices.extend(mesh.vertices.iter().map(|vertex| Vertex {
+                object: index as u32,
+                material: first_material + vertex.material,
+                ..*vertex
+            }));
+            let (indices, slot, is_virtual) = match object.kind {
+                Kind::Virtual => {
+                    n_virtual += 1;
+                    (&mut virtuals, (n_virtual - 1).min(MAX_ENVIRONMENTS as u32 - 1), 1)
+                }
+                Kind::Phantom => (&mut phantoms, 0, 0),
+            };
+            indices.extend(mesh.indices.iter().map(|i| first_vertex + i));
+            objects.push(GpuObject::new(object.world_from_object(rig), slot, is_virtual));
+            for material in &mesh.materials {
+                let layer = material.base_color_texture.as_ref().map_or(0, |picture| {
+                    pictures.push(picture.clone());
+                    pictures.len()
+                });
+                materials.push(gpu_material(material, layer));
+            }
+        }
+        let indices = |label: &str, indices: &[u32]| IndexRange {
+            n_indices: indices.len() as u32,
+            buffer: gpu.buffer(label, if indices.is_empty() { &[0, 0, 0] } else { indices }),
+        };
+        let or_one = |mut items: Vec<Vertex>| {
+            if items.is_empty() {
+                items.push(<Vertex as bytemuck::Zeroable>::zeroed());
+            }
+            items
+        };
+        objects.push(GpuObject::new(glam::Affine3A::IDENTITY, 0, 0));
+        materials.push(<GpuMaterial as bytemuck::Zeroable>::zeroed());
+        Self {
+            vertices: gpu.buffer("scene: vertices", &or_one(vertices)),
+            phantoms: indices("scene: phantom triangles", &phantoms),
+            virtuals: indices("scene: virtual triangles", &virtuals),
+            objects: gpu.buffer("scene: objects", &objects),
+            materials: gpu.buffer("scene: materials", &materials),
+            base_colors: upload_base_colors(gpu, &pictures),
+        }
+    }
+}
+
+impl IndexRange {
+    /// Draws the triangles with the pipeline and bindings already set.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, vertices: &wgpu::Buffer) {
+        if self.n_indices > 0 {
+            pass.set_vertex_buffer(0, vertices.slice(..));
+            pass.set_index_buffer(self.buffer.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..self.n_indices, 0, 0..1);
+        }
+    }
+}
+
+fn gpu_material(material: &crate::scene::Material, layer: usize) -> GpuMaterial {
+    let [r, g, b] = material.base_color;
+    let [fr, fg, fb] = material.dielectric_f0;
+    GpuMaterial {
+        base_color: Vec4::new(r, g, b, 0.0),
+        dielectric: Vec4::new(fr, fg, fb, material.dielectric_f90),
+        parameters: Vec4::new(material.metallic, material.roughness, layer as f32, 0.0),
+    }
+}
+
+fn upload_base_colors(gpu: &Gpu, pictures: &[crate::scene::BaseColorTexture]) -> wgpu::TextureView {
+    let edge = if pictures.is_empty() { 1 } else { BASE_COLOR_SIZE };
+    let shape = TextureShape::layered([edge; 2], pictures.len().max(1) as u32);
+    let texture = gpu.texture("scene: base colours", shape, wgpu::TextureFormat::Rgba8UnormSrgb);
+    for (layer, picture) in pictures.iter().enumerate() {
+        let [width, height] = picture.size_px;
+        if let Some(image) = image::RgbaImage::from_raw(width, height, picture.rgba.clone()) {
+            let scaled = image::imageops::resize(&image, edge, edge, image::imageops::FilterType::Triangle);
+            write_layer(gpu, &texture, layer as u32, &scaled);
+        }
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..wgpu::TextureViewDescriptor::default()
+    })
+}
+
+fn write_layer(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, rgba: &[u8]) {
+    let size = texture.size();
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+            aspect: wgpu::TextureAspect::All,
+        },
+        rgba,
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(4 * size.width),
+            rows_per_image: Some(size.height),
+        },
+        wgpu::Extent3d { depth_or_array_layers: 1, ..size },
+    );
+}
+
+/// A camera's latest picture with its response table.
+#[derive(Debug)]
+pub struct PictureBuffers {
+    texture: wgpu::Texture,
+    /// Codes, 8-bit RGBA.
+    pub view: wgpu::TextureView,
+    /// Linear signal of every code.
+    pub response: wgpu::Buffer,
+    rgba: Vec<u8>,
+}
+
+impl PictureBuffers {
+    /// Room for pictures of one camera.
+    #[must_use]
+    pub fn new(gpu: &Gpu, camera: &Camera) -> Self {
+        let shape = TextureShape::plain(camera.intrinsics.size_px);
+        let texture = gpu.texture("picture", shape, wgpu::TextureFormat::Rgba8Uint);
+        let [width, height] = camera.intrinsics.size_px;
+        Self {
+            view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            texture,
+            response: gpu.buffer("picture: response", camera.photometry.response.table()),
+            rgba: vec![255; 4 * (width * height) as usize],
+        }
+    }
+
+    /// Uploads a frame of the camera's size.
+    pub fn upload(&mut self, gpu: &Gpu, frame: &Frame) {
+        for (rgba, rgb) in self.rgba.chunks_exact_mut(4).zip(frame.pixels.chunks_exact(3)) {
+            rgba[..3].copy_from_slice(rgb);
+        }
+        write_layer(gpu, &self.texture, 0, &self.rgba);
+    }
+}

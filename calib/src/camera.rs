@@ -191,10 +191,11 @@ impl LensModel {
 
 /// The coefficients of a Brown-Conrady lens.
 ///
-/// The Jacobian of this distortion is symmetric, so the distortion is the gradient of a potential. Where the Jacobian is
-/// positive definite on a disc the potential is convex and the distortion one to one. Its eigenvalues are those of the
-/// radial part, `f = 1 + k1 s + k2 s² + k3 s³` and `1 + 3 k1 s + 5 k2 s² + 7 k3 s³` with `s = r²`, changed by at most
-/// `6 r |p|`, which is at most `3 |p| (1 + s)`. Both bounds are cubics in s, which are easily checked on an interval.
+/// The Jacobian of this distortion is symmetric, so the distortion is the gradient of a potential. Where the Jacobian
+/// is positive definite on a disc the potential is convex and the distortion one to one. Its eigenvalues are those of
+/// the radial part, `f = 1 + k1 s + k2 s² + k3 s³` and `1 + 3 k1 s + 5 k2 s² + 7 k3 s³` with `s = r²`, changed by at
+/// most `6 r |p|`, which is at most `3 |p| (1 + s)`. Both bounds are cubics in s, which are easily checked on an
+/// interval.
 struct Perspective {
     radial: [f64; 3],
     tangential: DVec2,
@@ -437,7 +438,8 @@ mod tests {
         DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
     }
 
-    /// Central differences; the third derivatives of these lenses are below 1e4 px per metre³, so h = 1e-5 is good to 1e-5.
+    /// Central differences; the third derivatives of these lenses are below 1e4 px per metre³, so h = 1e-5 is good to
+    /// 1e-5.
     fn check_gradient(intrinsics: &Intrinsics, point: DVec3) {
         let projection = intrinsics.project_with_gradient(point).expect("visible");
         let step = 1e-5 * point.length();

@@ -19,22 +19,24 @@
 //! ```
 //!
 //! - **Units**: metres, seconds, radians; anything else has its unit in its name.
-//! - **World**: the frame of the rig's main marker. Right-handed; origin at the marker's centre, x to the right and y to the
-//!   top of the marker as printed, z out of the paper. A marker on a table makes z point up.
+//! - **World**: the frame of the rig's main marker. Right-handed; origin at the marker's centre, x to the right and y
+//!   to the top of the marker as printed, z out of the paper. A marker on a table makes z point up.
 //! - **Marker frame**: the same, of any marker.
-//! - **Corners** of a marker are those of its black square: bottom-left, bottom-right, top-right, top-left of the upright
-//!   marker (0 to 3 above; AprilRobotics' order). OpenCV prints its AprilTag dictionaries turned by 180 degrees.
+//! - **Corners** of a marker are those of its black square: bottom-left, bottom-right, top-right, top-left of the
+//!   upright marker (0 to 3 above; AprilRobotics' order). OpenCV prints its AprilTag dictionaries turned by 180
+//!   degrees.
 //! - **Camera frame**: x right, y down, z forward (OpenCV).
-//! - **Pixels**: u right, v down; integer coordinates are the *centres* of pixels, so (0, 0) is the centre of the top-left one
-//!   and the picture covers -0.5 to width - 0.5. AprilRobotics' library puts that centre at (0.5, 0.5); OpenCV agrees with us.
+//! - **Pixels**: u right, v down; integer coordinates are the *centres* of pixels, so (0, 0) is the centre of the
+//!   top-left one and the picture covers -0.5 to width - 0.5. AprilRobotics' library puts that centre at (0.5, 0.5);
+//!   OpenCV agrees with us.
 //! - **Poses** are named `a_from_b`: `p_a = a_from_b * p_b`, and `a_from_c = a_from_b * b_from_c`.
 //! - **Light**: a pixel's *code* is 8-bit and encoded; the *signal* y is linear, 0 to 1; *radiance* is what y is
 //!   proportional to once exposure, gain, white balance and vignetting are taken out ([`photometry`]).
 //!
 //! # What is in here
 //!
-//! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a pose;
-//! [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
+//! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a
+//! pose; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -56,8 +58,8 @@
 //!
 //! # What is not in here
 //!
-//! No input or output: the library opens no file (the program of the same name does). No GPU. No global state. No clock:
-//! equal input gives equal output, bit for bit. `unsafe` stands in `tag::apriltag` only, around the C detector.
+//! No input or output: the library opens no file (the program of the same name does). No GPU. No global state. No
+//! clock: equal input gives equal output, bit for bit. `unsafe` stands in `tag::apriltag` only, around the C detector.
 
 pub mod camera;
 pub mod photometry;

@@ -9,8 +9,8 @@ use mirrorball_calib::{
 };
 use support::{exact_detections, looking_at, picture, rig};
 
-/// Corner error that a marker with a side of 30 pixels or more may have, in a picture without noise, in pixels. Eight bits per
-/// pixel and six samples across leave about a fiftieth.
+/// Corner error that a marker with a side of 30 pixels or more may have, in a picture without noise, in pixels. Eight
+/// bits per pixel and six samples across leave about a fiftieth.
 const CORNER_TOLERANCE_PX: f64 = 0.1;
 
 #[test]

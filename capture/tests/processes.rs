@@ -139,13 +139,13 @@ fn a_killed_daemon_is_replaced_under_a_running_reader() {
     let daemon = Daemon::new();
     let mut subscriber = handover::subscribe_to(&daemon.service).unwrap();
     for round in 0..4 {
-        let child = daemon.start(&["--loop", "--pace", "max"]);
+        let mut child = daemon.start(&["--loop", "--pace", "max"]);
         let started = Instant::now();
         while subscriber.stats().publisher_changes < round || subscriber.stats().received == 0 {
-            assert!(
-                started.elapsed() < WATCHDOG,
-                "the new daemon is not heard in round {round}"
-            );
+            if child.0.try_wait().unwrap().is_some() || started.elapsed() > WATCHDOG {
+                child.0.kill().unwrap();
+                panic!("the daemon is not heard in round {round}: {:?}", end_of(child));
+            }
             is_set(&mut subscriber, SHORT);
         }
         assert!(is_set(&mut subscriber, WATCHDOG));

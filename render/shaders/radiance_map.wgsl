@@ -16,7 +16,7 @@ struct Probe {
 @group(0) @binding(3) var picture: texture_2d<u32>;
 // Distance from the probe to the first phantom in each direction, metres; huge where there is none.
 @group(0) @binding(4) var<storage, read> near_m: array<f32>;
-// rgb radiance; a: 0 not seen, else 1 plus the bits of the clipped channels.
+// rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere plus 8 times those clipped everywhere.
 @group(0) @binding(5) var<storage, read_write> radiance: array<vec4f>;
 
 #import picture
@@ -76,6 +76,7 @@ fn main(@builtin(global_invocation_id) texel: vec3u) {
     var sum = vec3f(0.0);
     var n_seen = 0.0;
     var clipped = 0u;
+    var all_clipped = 7u;
     for (var i = 0u; i < 4u; i++) {
         let offset = vec2f(0.25) + 0.5 * vec2f(f32(i & 1u), f32(i >> 1u));
         let direction = texel_direction(size, texel, offset);
@@ -89,12 +90,13 @@ fn main(@builtin(global_invocation_id) texel: vec3u) {
             let found = sample_picture(camera, seen.pixel);
             sum += found.radiance;
             clipped |= found.clipped;
+            all_clipped &= found.all_clipped;
             n_seen += 1.0;
         }
     }
     if n_seen < 2.0 {
         radiance[index] = vec4f(0.0);
     } else {
-        radiance[index] = vec4f(sum / (n_seen * probe.reflectance.xyz), 1.0 + f32(clipped));
+        radiance[index] = vec4f(sum / (n_seen * probe.reflectance.xyz), 1.0 + f32(clipped | (all_clipped << 3u)));
     }
 }

@@ -8,12 +8,13 @@
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<uniform> frame: Frame;
-@group(0) @binding(2) var<storage, read> lights: array<Light>;
+// Uniform, not storage: software drivers read storage one lane at a time.
+@group(0) @binding(2) var<uniform> lights: array<Light, 144>;
 @group(0) @binding(3) var<storage, read> objects: array<Object>;
 @group(0) @binding(4) var<storage, read> materials: array<Material>;
-@group(0) @binding(5) var<storage, read> environments: array<Environment>;
+@group(0) @binding(5) var<uniform> environments: array<Environment, 16>;
 // Nine coefficients per environment, sixteen apart.
-@group(0) @binding(6) var<storage, read> near_sh: array<vec4f>;
+@group(0) @binding(6) var<uniform> near_sh: array<vec4f, 256>;
 @group(0) @binding(7) var phantom_maps: texture_depth_2d_array;
 @group(0) @binding(8) var virtual_maps: texture_depth_2d_array;
 @group(0) @binding(9) var depth_sampler: sampler_comparison;
@@ -24,6 +25,9 @@
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
 const LAST_SPECULAR_MIP: f32 = 5.0;
+
+// A loss of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.
+const LEAST_LOSS: f32 = 0.002;
 
 struct Corner {
     @builtin(position) clip: vec4f,
@@ -59,25 +63,41 @@ fn near_irradiance(slot: u32, normal: vec3f) -> vec3f {
 }
 
 // Irradiance of a light on a surface, shadows aside.
-fn unshadowed(i: u32, point: vec3f, normal: vec3f) -> vec3f {
-    let to_light = lights[i].position_m.xyz - point;
+fn unshadowed(light: Light, point: vec3f, normal: vec3f) -> vec3f {
+    let to_light = light.position_m.xyz - point;
     let squared = dot(to_light, to_light);
-    return lights[i].intensity.xyz * (max(dot(normal, to_light), 0.0) / (squared * sqrt(squared)));
+    return light.intensity.xyz * (max(dot(normal, to_light), 0.0) / (squared * sqrt(squared)));
 }
 
 // Share of a light that phantoms let through. The point moves off the surface by the filter's reach, so that a tilted
 // surface does not shade itself.
-fn past_phantoms(i: u32, point: vec3f, normal: vec3f) -> f32 {
-    let reach = (lights[i].position_m.w + 1.5) * lights[i].texel_m.x;
-    let clip = lights[i].phantom_clip_from_world * vec4f(point + normal * reach, 1.0);
-    return visibility(phantom_maps, depth_sampler, i, clip, vec2f(f32(frame.counts.y), lights[i].position_m.w));
+fn past_phantoms(i: u32, light: Light, point: vec3f, normal: vec3f) -> f32 {
+    let view = shadow_view(light.position_m.xyz, frame.receivers_m, frame.everything_m, frame.counts.w);
+    let radius = light.position_m.w;
+    let clip = shadow_clip(view, point + normal * ((radius + 1.5) * view.texel_m));
+    return visibility(phantom_maps, depth_sampler, i, clip, vec2f(f32(frame.counts.y), radius));
 }
 
 // Share of a light that virtual objects let through; `lift` is 1 on virtual objects themselves, 0 on phantoms.
-fn past_virtual(i: u32, point: vec3f, normal: vec3f, lift: f32) -> f32 {
-    let reach = lift * (lights[i].intensity.w + 1.5) * lights[i].texel_m.y;
-    let clip = lights[i].virtual_clip_from_world * vec4f(point + normal * reach, 1.0);
-    return visibility(virtual_maps, depth_sampler, i, clip, vec2f(f32(frame.counts.y), lights[i].intensity.w));
+fn past_virtual(i: u32, light: Light, point: vec3f, normal: vec3f, lift: f32) -> f32 {
+    let view = shadow_view(light.position_m.xyz, frame.virtuals_m, frame.everything_m, frame.counts.w);
+    let radius = light.intensity.w;
+    let clip = shadow_clip(view, point + normal * (lift * (radius + 1.5) * view.texel_m));
+    return visibility(virtual_maps, depth_sampler, i, clip, vec2f(f32(frame.counts.y), radius));
+}
+
+// Whether the ray from a point towards a light passes a sphere.
+fn passes(sphere: vec4f, point: vec3f, to_light: vec3f) -> bool {
+    let to_center = sphere.xyz - point;
+    let along = dot(to_center, to_light);
+    return along > -sphere.w && dot(to_center, to_center) - along * along < sphere.w * abs(sphere.w);
+}
+
+// Whether a virtual object may stand between a point and a light.
+fn may_be_shaded(light: Light, point: vec3f) -> bool {
+    let to_light = normalize(light.position_m.xyz - point);
+    return passes(frame.casters_m[0], point, to_light) || passes(frame.casters_m[1], point, to_light)
+        || passes(frame.casters_m[2], point, to_light) || passes(frame.casters_m[3], point, to_light);
 }
 
 // Virtual over real: irradiance with all objects over irradiance with the real ones only. Exactly 1 where no virtual
@@ -88,24 +108,35 @@ fn phantom_ratio(point: vec3f, normal: vec3f) -> vec3f {
         // A mirror shows no shadow.
         return vec3f(1.0);
     }
-    var lost_any = false;
-    var with_virtual = vec3f(0.0);
-    var without = vec3f(0.0);
+    var lost = vec3f(0.0);
+    var arriving = vec3f(0.0);
     for (var i = 0u; i < frame.counts.x; i++) {
-        let light = unshadowed(i, point, normal);
-        if max(light.r, max(light.g, light.b)) > 0.0 {
-            let kept = past_virtual(i, point, normal, 0.0);
-            let real = light * past_phantoms(i, point, normal);
-            lost_any = lost_any || kept < 1.0;
-            without += real;
-            with_virtual += real * kept;
+        let light = lights[i];
+        let direct = unshadowed(light, point, normal);
+        arriving += direct;
+        if any(direct > vec3f(0.0)) && may_be_shaded(light, point) {
+            lost += direct * (1.0 - past_virtual(i, light, point, normal, 0.0));
         }
     }
-    if !lost_any {
+    if all(lost <= LEAST_LOSS * arriving) {
         return vec3f(1.0);
     }
+    lost = vec3f(0.0);
+    var without = vec3f(0.0);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        let light = lights[i];
+        let direct = unshadowed(light, point, normal);
+        if any(direct > vec3f(0.0)) {
+            let real = direct * past_phantoms(i, light, point, normal);
+            without += real;
+            if may_be_shaded(light, point) {
+                lost += real * (1.0 - past_virtual(i, light, point, normal, 0.0));
+            }
+        }
+    }
     let near = near_irradiance(nearest_environment(point), normal);
-    return (with_virtual + near) / max(without + near, vec3f(1e-9));
+    let total = max(without + near, vec3f(1e-9));
+    return max(total - lost, vec3f(0.0)) / total;
 }
 
 fn nearest_environment(point: vec3f) -> u32 {
@@ -157,10 +188,11 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     if metallic < 1.0 {
         var irradiance = near_irradiance(slot, normal);
         for (var i = 0u; i < frame.counts.x; i++) {
-            let light = unshadowed(i, corner.position, normal);
-            if max(light.r, max(light.g, light.b)) > 0.0 {
-                let kept = past_phantoms(i, corner.position, normal) * past_virtual(i, corner.position, normal, 1.0);
-                irradiance += light * kept;
+            let light = lights[i];
+            let direct = unshadowed(light, corner.position, normal);
+            if any(direct > vec3f(0.0)) {
+                let past_real = past_phantoms(i, light, corner.position, normal);
+                irradiance += direct * past_real * past_virtual(i, light, corner.position, normal, 1.0);
             }
         }
         radiance += (1.0 - metallic) * base_color * irradiance * 0.31830987;

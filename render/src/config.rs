@@ -65,7 +65,7 @@ pub struct ShadowConfig {
 
 impl Default for ShadowConfig {
     fn default() -> Self {
-        Self { dome_lights: 48, bright_lights: 16, map_size: 512, pcf_taps: 9 }
+        Self { dome_lights: 48, bright_lights: 16, map_size: 256, pcf_taps: 9 }
     }
 }
 

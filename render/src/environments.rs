@@ -65,6 +65,8 @@ pub struct Slot {
     pub name: String,
     /// Middle of its bounding box, world, metres.
     pub center_m: Vec3,
+    /// Radius of the sphere around it, metres.
+    pub radius_m: f32,
     /// Whether any of its materials reflects.
     pub is_glossy: bool,
     /// Its parameters for the shaders.
@@ -94,23 +96,31 @@ impl Environments {
     /// Finds out what stands around every virtual object.
     #[must_use]
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig, occluders: &Occluders) -> Self {
-        let slots: Vec<Slot> = scene
+        let mut slots: Vec<Slot> = scene
             .virtual_objects()
             .take(MAX_ENVIRONMENTS)
             .map(|(_, object)| {
-                let (center_m, _) = object.bounding_sphere(rig);
+                let (center_m, radius_m) = object.bounding_sphere(rig);
                 let hit_m = surroundings::distances_m(occluders, center_m, 1e-3, ENVIRONMENT_SIZE);
                 let shines =
                     |m: &crate::scene::Material| m.metallic > 0.0 || m.dielectric_f0.iter().any(|&f| f > 0.0);
                 Slot {
                     name: object.name.clone(),
                     center_m,
+                    radius_m,
                     is_glossy: object.mesh.materials.iter().any(shines),
                     parameters: gpu.buffer("environment: parameters", &[<GpuEnvironment as bytemuck::Zeroable>::zeroed()]),
                     hit_m: gpu.buffer("environment: distances", hit_m.texels()),
                 }
             })
             .collect();
+        if let Some(last) = slots.last_mut() {
+            // Objects without a slot of their own share the last, whose sphere then holds them too.
+            for (_, object) in scene.virtual_objects().skip(MAX_ENVIRONMENTS) {
+                let (center_m, radius_m) = object.bounding_sphere(rig);
+                last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
+            }
+        }
         let n = slots.len().max(1) as u32;
         let shape = TextureShape {
             mips: ENVIRONMENT_MIPS,
@@ -124,17 +134,17 @@ impl Environments {
                 ..wgpu::TextureViewDescriptor::default()
             }),
             specular,
-            all: gpu.buffer("environment: all", &vec![<GpuEnvironment as bytemuck::Zeroable>::zeroed(); n as usize]),
-            near_sh: gpu.buffer("environment: near light", &vec![Vec4::ZERO; n as usize * SH_STRIDE_BYTES as usize / 16]),
+            all: gpu.buffer("environment: all", &[<GpuEnvironment as bytemuck::Zeroable>::zeroed(); MAX_ENVIRONMENTS]),
+            near_sh: gpu.buffer("environment: near light", &[Vec4::ZERO; MAX_ENVIRONMENTS * SH_STRIDE_BYTES as usize / 16]),
             slots,
         }
     }
 
     /// Tells the shaders where the probe stands and how far away the room is.
-    pub fn place(&self, gpu: &Gpu, probe_m: Vec3, room_m: f32, probe_cube_size: u32) {
+    pub fn place(&self, gpu: &Gpu, probe_m: Vec3, room_m: f32) {
         let parameters = |slot: &Slot| GpuEnvironment {
             position_m: slot.center_m.extend(room_m),
-            probe_m: probe_m.extend(probe_cube_size as f32),
+            probe_m: probe_m.extend(slot.radius_m),
         };
         let all: Vec<GpuEnvironment> = self.slots.iter().map(parameters).collect();
         for (slot, parameters) in self.slots.iter().zip(&all) {

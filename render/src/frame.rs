@@ -2,22 +2,26 @@
 
 use std::time::Instant;
 
-use glam::{DVec3, Mat4, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
-use crate::gpu::types::{GpuCamera, GpuFrame, GpuLight};
+use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
 use crate::node::{RenderNode, RenderedFrame, check_size};
 use crate::passes::radiance_map::gpu_probe;
-use crate::passes::shadow_map::{Sphere, clip_from_world};
+use crate::passes::shadow_map::{ShadowView, Sphere};
 use crate::probe::key_light::KeyLight;
-use crate::probe::radiance::Picture;
+use crate::probe::radiance::{Picture, luminance};
 use crate::probe::{Light, ProbeOptics, SceneView};
 
 /// Height over the receiver that a penumbra is filtered for, metres: half of a thing that stands on a table.
 const CASTER_HEIGHT_M: f32 = 0.03;
+/// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
+const SINGLE_TAP_SHARE: f32 = 0.02;
+/// Room around a virtual object for the filter of its shadow, metres.
+const CASTER_MARGIN_M: f32 = 0.01;
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
 const RECEIVER_MARGIN_M: f32 = 0.1;
 
@@ -119,21 +123,21 @@ impl RenderNode {
         self.pictures.radiance.upload(gpu, &light.radiance);
         self.pictures.far.upload(gpu, &light.far);
         let probe_m = self.probe.optics().position_m();
-        self.environments.place(gpu, probe_m, light.room_m, self.config.probe.cube_size);
-        let lights: Vec<GpuLight> = light.lights.iter().map(|l| self.gpu_light(l, probe_m, light.room_m)).collect();
-        let matrices = |pick: fn(&GpuLight) -> Mat4| -> Vec<Option<Mat4>> {
-            lights.iter().map(|l| (l.intensity.truncate() != Vec3::ZERO).then(|| pick(l))).collect()
+        self.environments.place(gpu, probe_m, light.room_m);
+        let lights = self.gpu_lights(light, probe_m);
+        let aims = |receivers: Sphere| -> Vec<Option<GpuAim>> {
+            let is_lit = |l: &GpuLight| l.intensity.truncate() != Vec3::ZERO;
+            lights.iter().map(|l| is_lit(l).then(|| self.aim(l.position_m.truncate(), receivers))).collect()
         };
+        let (phantom_aims, virtual_aims) = (aims(self.receivers()), aims(self.bounds.virtuals));
         let frame_data = self.gpu_frame(lights.len());
 
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
-        let phantom_matrices = matrices(|l| l.phantom_clip_from_world);
         let work = (&mut passes.phantom_maps, scene, &scene.phantoms);
-        passes.shadow_map.record(gpu, &mut encoder, timer, work, &phantom_matrices);
-        let virtual_matrices = matrices(|l| l.virtual_clip_from_world);
+        passes.shadow_map.record(gpu, &mut encoder, timer, work, &phantom_aims);
         let work = (&mut passes.virtual_maps, scene, &scene.virtuals);
-        passes.shadow_map.record(gpu, &mut encoder, timer, work, &virtual_matrices);
+        passes.shadow_map.record(gpu, &mut encoder, timer, work, &virtual_aims);
         passes.camera_depth.record(&mut encoder, timer, scene);
         passes.local_environment.record(&mut encoder, timer);
         passes.downsample.record(&mut encoder, timer);
@@ -161,28 +165,81 @@ impl RenderNode {
         GpuFrame {
             counts: [n_lights as u32, taps, self.environments.slots.len() as u32, self.config.shadow.map_size],
             ball_m: center_m.as_vec3().extend(radius_m as f32),
+            receivers_m: self.receivers().to_vec4(),
+            virtuals_m: self.bounds.virtuals.to_vec4(),
+            everything_m: self.bounds.everything.to_vec4(),
+            casters_m: self.caster_spheres(),
         }
     }
 
-    /// A light at the room's distance from the probe, with its shadow maps aimed at the virtual objects.
-    fn gpu_light(&self, light: &KeyLight, probe_m: Vec3, room_m: f32) -> GpuLight {
-        let size = self.config.shadow.map_size;
-        let position_m = probe_m + light.direction * room_m;
+    /// What the phantoms' shadow maps cover: the virtual objects and the ground around them.
+    fn receivers(&self) -> Sphere {
         let virtuals = self.bounds.virtuals;
-        let receivers = Sphere { radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M, ..virtuals };
-        let (phantom, phantom_texel_m) = clip_from_world(position_m, receivers, self.bounds.everything, size);
-        let (of_virtual, virtual_texel_m) = clip_from_world(position_m, virtuals, self.bounds.everything, size);
-        // Taps further apart than a texel and a half would show as copies of the edge.
-        let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
-        let radius = |texel_m: f32| (light.angular_radius_rad * CASTER_HEIGHT_M / texel_m).clamp(0.75, widest.max(0.75));
-        GpuLight {
-            position_m: position_m.extend(radius(phantom_texel_m)),
-            intensity: (light.irradiance * room_m * room_m).extend(radius(virtual_texel_m)),
-            texel_m: glam::Vec4::new(phantom_texel_m, virtual_texel_m, 0.0, 0.0),
-            phantom_clip_from_world: phantom,
-            virtual_clip_from_world: of_virtual,
+        Sphere { radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M, ..virtuals }
+    }
+
+    /// Spheres around the virtual objects; those beyond the last place make the last one larger.
+    fn caster_spheres(&self) -> [Vec4; MAX_CASTER_SPHERES] {
+        let mut spheres = [Vec4::new(0.0, 0.0, 0.0, -1.0); MAX_CASTER_SPHERES];
+        for (index, slot) in self.environments.slots.iter().enumerate() {
+            let radius_m = slot.radius_m + CASTER_MARGIN_M;
+            match spheres.get_mut(index) {
+                Some(sphere) => *sphere = slot.center_m.extend(radius_m),
+                None => {
+                    let last = &mut spheres[MAX_CASTER_SPHERES - 1];
+                    last.w = last.w.max(last.truncate().distance(slot.center_m) + radius_m);
+                }
+            }
+        }
+        spheres
+    }
+
+    fn aim(&self, light_m: Vec3, receivers: Sphere) -> GpuAim {
+        GpuAim {
+            position_m: light_m.extend(self.config.shadow.map_size as f32),
+            receivers_m: receivers.to_vec4(),
+            casters_m: self.bounds.everything.to_vec4(),
         }
     }
+
+    fn gpu_lights(&self, light: &Light, probe_m: Vec3) -> Vec<GpuLight> {
+        let total: f32 = light.lights.iter().map(|l| luminance(l.irradiance)).sum();
+        light
+            .lights
+            .iter()
+            .map(|l| {
+                let taps = if luminance(l.irradiance) < SINGLE_TAP_SHARE * total { Taps::One } else { Taps::Many };
+                self.gpu_light(l, taps, (probe_m, light.room_m))
+            })
+            .collect()
+    }
+
+    /// A light at the room's distance from the probe, its shadows filtered for its size.
+    fn gpu_light(&self, light: &KeyLight, taps: Taps, (probe_m, room_m): (Vec3, f32)) -> GpuLight {
+        let position_m = probe_m + light.direction * room_m;
+        // Taps further apart than a texel and a half would show as copies of the edge.
+        let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
+        let radius = |receivers: Sphere| {
+            if taps == Taps::One {
+                return 0.0;
+            }
+            let texel_m = ShadowView::new(&self.aim(position_m, receivers)).texel_m;
+            (light.angular_radius_rad * CASTER_HEIGHT_M / texel_m).clamp(0.75, widest.max(0.75))
+        };
+        GpuLight {
+            position_m: position_m.extend(radius(self.receivers())),
+            intensity: (light.irradiance * room_m * room_m).extend(radius(self.bounds.virtuals)),
+        }
+    }
+}
+
+/// How a light's shadow is filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Taps {
+    /// One bilinear comparison.
+    One,
+    /// Percentage-closer filtering over the light's penumbra.
+    Many,
 }
 
 /// The camera's picture as RGBA.

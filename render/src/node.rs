@@ -242,7 +242,6 @@ impl Passes {
                 sampler: &sampler,
             },
             size_px,
-            n_lights as usize,
         );
         Self {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),

@@ -28,7 +28,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
     let failed = |source: SourceError| CommandError::Recording {
         folder: args.recording.clone(),
-        source,
+        source: Box::new(source),
     };
     let mut player = Player::open(&args.recording, Pace::Max, Repeat::ONCE).map_err(failed)?;
     let rig = read_rig(&args.recording.join("rig.toml"))?;

@@ -28,7 +28,7 @@ pub(crate) enum CommandError {
     Rig {
         file: PathBuf,
         #[source]
-        source: RigError,
+        source: Box<RigError>,
     },
     #[error("rig file `{}` has no camera `{name}` (there are: {present})", file.display())]
     NoCamera {
@@ -52,7 +52,7 @@ pub(crate) enum CommandError {
     Recording {
         folder: PathBuf,
         #[source]
-        source: SourceError,
+        source: Box<SourceError>,
     },
     #[error("`{lost}` of `{frames}` frames have no pose")]
     Lost { lost: usize, frames: usize },
@@ -99,7 +99,7 @@ pub(crate) fn read_rig(file: &Path) -> Result<Rig, CommandError> {
     })?;
     Rig::from_toml(&text, file).map_err(|source| CommandError::Rig {
         file: file.to_owned(),
-        source,
+        source: Box::new(source),
     })
 }
 

@@ -1,13 +1,13 @@
 //! Resection: where the camera is, from markers whose places are known.
 //!
-//! Every marker in view proposes its two planar poses. The proposals are compared by a robust error over *all* markers, the
-//! best few are refined, and what then does not fit is left out. So a wrong id, a marker that was moved or a covered corner
-//! costs its own evidence only, and a second marker settles which planar solution is the true one.
+//! Every marker in view proposes its two planar poses. The proposals are compared by a robust error over *all*
+//! markers, the best few are refined, and what then does not fit is left out. So a wrong id, a marker that was moved
+//! or a covered corner costs its own evidence only, and a second marker settles which planar solution is the true one.
 
 mod planar;
 mod solve;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use nalgebra::Matrix3;
 
 use crate::{camera::Intrinsics, pose::Pose, rig::Rig, tag::Detection};
@@ -16,12 +16,15 @@ use solve::{Corner, Loss, Problem, Solution};
 /// Error, in pixels, at which a corner counts half when proposals are compared.
 const PROPOSAL_SCALE_PX: f64 = 4.0;
 
+/// Error, in pixels, of a corner that a pose puts where the camera cannot see it.
+const UNSEEN_PX: f64 = 1e6;
+
 /// Proposals that are refined.
 const REFINED_PROPOSALS: usize = 6;
 
-/// Widest scale, in pixels, of the bounded error that turns a proposal into a pose. It starts at [`SCALE_OF_MEDIAN`] times the
-/// proposal's median error, so that a wrong marker is not taken in by a proposal that is good already, and is halved from
-/// solution to solution ("graduated non-convexity", Yang et al. 2020).
+/// Widest scale, in pixels, of the bounded error that turns a proposal into a pose. It starts at [`SCALE_OF_MEDIAN`]
+/// times the proposal's median error, so that a wrong marker is not taken in by a proposal that is good already, and
+/// is halved from solution to solution ("graduated non-convexity", Yang et al. 2020).
 const WIDEST_SCALE_PX: f64 = 32.0;
 
 /// Last scale, in pixels.
@@ -37,7 +40,7 @@ const DECISION_SCALE_PX: f64 = 1.0;
 const OUTLIER_SIGMAS: f64 = 5.0;
 
 /// A corner closer than the first is never left out, one further away than the second always is, in pixels.
-const OUTLIER_RANGE_PX: (f64, f64) = (0.6, 3.0);
+const OUTLIER_RANGE_PX: (f64, f64) = (1.0, 3.0);
 
 /// Rounds of leaving out and solving again.
 const OUTLIER_ROUNDS: usize = 12;
@@ -75,7 +78,8 @@ const REFERENCE_SIDE_PX: f64 = 50.0;
 pub struct Located {
     /// Where the camera is.
     pub camera_from_world: Pose,
-    /// Root mean square distance, in pixels, between where the corners that count were seen and where the pose puts them.
+    /// Root mean square distance, in pixels, between where the corners that count were seen and where the pose puts
+    /// them.
     pub reprojection_error_px: f64,
     /// Markers that count.
     pub markers: usize,
@@ -218,10 +222,11 @@ fn ranked_proposals(sightings: &[Sighting], intrinsics: &Intrinsics) -> Vec<Pose
         .collect()
 }
 
-/// Robust error of a pose over every corner (Cauchy's, which forgives a wrong marker); at `scale_px` a corner counts half.
+/// Robust error of a pose over every corner (Cauchy's, which forgives a wrong marker); at `scale_px` a corner counts
+/// half.
 fn robust_cost(sightings: &[Sighting], intrinsics: &Intrinsics, pose: &Pose, scale_px: f64) -> f64 {
     let corner_cost = |corner: &Corner| {
-        let error = solve::residual(intrinsics, pose, corner).map_or(1e6, |error| error.length());
+        let error = solve::residual(intrinsics, pose, corner).map_or(UNSEEN_PX, DVec2::length);
         (1.0 + (error / scale_px).powi(2)).ln()
     };
     sightings
@@ -241,8 +246,8 @@ struct Fit {
     total_cost: f64,
 }
 
-/// Refines a proposal: narrow down to what agrees, then solve for that, leave out what does not fit, take back what does, until
-/// the same corners stay.
+/// Refines a proposal: narrow down to what agrees, then solve for that, leave out what does not fit, take back what
+/// does, until the same corners stay.
 fn fit(sightings: &[Sighting], intrinsics: &Intrinsics, start: Pose) -> Option<Fit> {
     let mut pose = narrowed(sightings, intrinsics, start)?;
     let mut kept = within(&errors_px(sightings, intrinsics, &pose), OUTLIER_RANGE_PX.1);
@@ -263,7 +268,7 @@ fn fit(sightings: &[Sighting], intrinsics: &Intrinsics, start: Pose) -> Option<F
         )?;
         pose = solution.camera_from_world;
         let errors_px = errors_px(sightings, intrinsics, &pose);
-        let limit = OUTLIER_SIGMAS * median_of_kept(&errors_px, &kept)? / RAYLEIGH_MEDIAN;
+        let limit = OUTLIER_SIGMAS * sigma_of_kept(&errors_px, &kept)?;
         let next = within(&errors_px, limit.clamp(OUTLIER_RANGE_PX.0, OUTLIER_RANGE_PX.1));
         if next == kept || round + 1 == OUTLIER_ROUNDS {
             let total_cost = robust_cost(sightings, intrinsics, &pose, DECISION_SCALE_PX);
@@ -310,8 +315,7 @@ fn narrowed(sightings: &[Sighting], intrinsics: &Intrinsics, start: Pose) -> Opt
 
 /// Distances between seen and predicted corners in pixels, marker by marker; infinite where the camera cannot see one.
 fn errors_px(sightings: &[Sighting], intrinsics: &Intrinsics, pose: &Pose) -> Vec<[f64; 4]> {
-    let error =
-        |corner: &Corner| solve::residual(intrinsics, pose, corner).map_or(f64::INFINITY, |error| error.length());
+    let error = |corner: &Corner| solve::residual(intrinsics, pose, corner).map_or(f64::INFINITY, DVec2::length);
     sightings
         .iter()
         .map(|sighting| sighting.corners.each_ref().map(error))
@@ -336,15 +340,23 @@ fn kept_corners(sightings: &[Sighting], kept: &[[bool; 4]]) -> Vec<Corner> {
     pairs.filter_map(|(corner, kept)| kept.then_some(*corner)).collect()
 }
 
-fn median_of_kept(errors_px: &[[f64; 4]], kept: &[[bool; 4]]) -> Option<f64> {
+/// Standard deviation of the corners that are kept, in pixels; robust.
+fn sigma_of_kept(errors_px: &[[f64; 4]], kept: &[[bool; 4]]) -> Option<f64> {
     let pairs = errors_px.iter().flatten().zip(kept.iter().flatten());
-    median(pairs.filter_map(|(error, kept)| kept.then_some(*error)).collect())
+    sigma(pairs.filter_map(|(error, kept)| kept.then_some(*error)).collect())
 }
 
 /// Standard deviation of the corners at this pose, in units of their expected one; robust, never zero.
 fn spread(corners: &[Corner], intrinsics: &Intrinsics, pose: &Pose) -> Option<f64> {
     let deviation = |corner: &Corner| Some(solve::residual(intrinsics, pose, corner)?.length() / corner.sigma_px);
-    Some((median(corners.iter().filter_map(deviation).collect())? / RAYLEIGH_MEDIAN).max(MIN_SPREAD))
+    Some(sigma(corners.iter().filter_map(deviation).collect())?.max(MIN_SPREAD))
+}
+
+/// Standard deviation of either component of errors of these lengths that a pose was fitted to, which takes up six of
+/// them.
+fn sigma(lengths: Vec<f64>) -> Option<f64> {
+    let components = 2.0 * lengths.len() as f64;
+    Some(median(lengths)? / RAYLEIGH_MEDIAN * (components / (components - 6.0).max(1.0)).sqrt())
 }
 
 /// The upper median; `None` of nothing.
@@ -385,7 +397,7 @@ impl Fit {
         let sigma_of_scale = self.scale * kept_corners(sightings, &self.kept)[0].sigma_px;
         let pessimistic_m = position_sigma_m * (PESSIMISTIC_CORNER_PX / sigma_of_scale);
         let allowed_m = MAX_RELATIVE_SIGMA * nearest_m;
-        if !(pessimistic_m <= allowed_m) {
+        if pessimistic_m.is_nan() || pessimistic_m > allowed_m {
             return Err(NoPose::Degenerate {
                 position_sigma_m: pessimistic_m,
                 allowed_m,

@@ -1,5 +1,5 @@
-//! Pose of one square from its four corners: both solutions (IPPE: Collins and Bartoli 2014, "Infinitesimal plane-based pose
-//! estimation").
+//! Pose of one square from its four corners: both solutions (IPPE: Collins and Bartoli 2014, "Infinitesimal
+//! plane-based pose estimation").
 //!
 //! Worked out in a view turned towards the square, so that any lens and any direction will do.
 
@@ -10,7 +10,8 @@ use crate::{pose::Pose, view::View};
 /// Least area of the quadrilateral on the view's plane; about (0.02 degrees)².
 const MIN_AREA: f64 = 1e-7;
 
-/// The two poses camera_from_marker that fit the corner rays of a square of this side, in metres; the order means nothing.
+/// The two poses camera_from_marker that fit the corner rays of a square of this side, in metres; the order means
+/// nothing.
 ///
 /// Empty when the rays are no picture of a square: too small, collinear, turned inside out, not convex.
 pub(super) fn square_poses(rays: &[DVec3; 4], side_m: f64) -> Vec<Pose> {
@@ -106,7 +107,7 @@ fn rotations(homography: &DMat3, centre: DVec2) -> Option<[DMat3; 2]> {
         sight * DMat3::from_cols(x, y, x.cross(y))
     };
     let pair = [with_sign(1.0), with_sign(-1.0)];
-    pair.iter().all(|rotation| rotation.is_finite()).then_some(pair)
+    pair.iter().all(DMat3::is_finite).then_some(pair)
 }
 
 /// The rotation that takes z to this unit vector the short way; the vector's z is positive.

@@ -82,9 +82,8 @@ pub struct Ball {
 impl Rig {
     /// Reads the text of a rig file. `file` is its name, for error messages only: nothing is opened.
     ///
-    /// # Errors
-    /// When the text is no TOML, a key is unknown or missing, or a value is not allowed; the error names file, line, key
-    /// and what is allowed.
+    /// # Errors When the text is no TOML, a key is unknown or missing, or a value is not allowed; the error names
+    /// file, line, key and what is allowed.
     pub fn from_toml(text: &str, file: &Path) -> Result<Self, RigError> {
         file::read(text, file)
     }

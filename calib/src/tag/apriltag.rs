@@ -72,9 +72,9 @@ impl Library {
             stride: side(luma.stride()),
             buf: luma.pixels().as_ptr().cast_mut(),
         };
-        // SAFETY: `LumaView::new` has checked that `stride × height` bytes are there. Without decimation, blur and debug
-        // pictures the library only reads them. The list and the detections in it are the library's, are read before
-        // they are destroyed, and are not kept. `self.detector` is live and borrowed exclusively.
+        // SAFETY: `LumaView::new` has checked that `stride × height` bytes are there. Without decimation, blur and
+        // debug pictures the library only reads them. The list and the detections in it are the library's, are read
+        // before they are destroyed, and are not kept. `self.detector` is live and borrowed exclusively.
         unsafe {
             let list = ffi::apriltag_detector_detect(self.detector.as_ptr(), &raw mut image);
             assert!(!list.is_null(), "no memory left for a list of markers");

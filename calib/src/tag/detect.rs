@@ -134,8 +134,8 @@ pub struct Detection {
     pub hamming: u32,
     /// Mean difference between the cells' grey values and the decision threshold, in grey levels; larger is surer.
     pub decision_margin: f64,
-    /// Corners of the black square in pixels (integers are pixel centres): bottom-left, bottom-right, top-right, top-left
-    /// of the upright marker.
+    /// Corners of the black square in pixels (integers are pixel centres): bottom-left, bottom-right, top-right,
+    /// top-left of the upright marker.
     pub corners_px: [DVec2; 4],
 }
 

@@ -49,8 +49,8 @@ impl Finder {
         }
     }
 
-    /// Finds the markers in a picture of `size` columns and rows, three bytes per pixel (red, green, blue), as the camera
-    /// encoded them. Ordered as by [`Detector::detect`].
+    /// Finds the markers in a picture of `size` columns and rows, three bytes per pixel (red, green, blue), as the
+    /// camera encoded them. Ordered as by [`Detector::detect`].
     ///
     /// # Errors
     /// When the size is not the camera's or bytes are missing.

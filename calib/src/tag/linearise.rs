@@ -16,8 +16,8 @@ const WELL_EXPOSED: f64 = 230.0;
 /// Histogram bins per factor of the 16-bit range; 16 values share a bin.
 const BIN_SHIFT: u32 = 4;
 
-/// A grey picture proportional to light, as 16 bits for measuring edges and as 8 bits, scaled so that white paper is well
-/// exposed, for finding markers. Its buffers are reused from picture to picture.
+/// A grey picture proportional to light, as 16 bits for measuring edges and as 8 bits, scaled so that white paper is
+/// well exposed, for finding markers. Its buffers are reused from picture to picture.
 #[derive(Debug, Clone, Default)]
 pub struct LinearLuma {
     size: [usize; 2],

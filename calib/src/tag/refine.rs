@@ -18,9 +18,9 @@ const MIN_REACH_PX: f64 = 1.0;
 /// Half the width of a sharp edge in the picture: half a pixel's diagonal, in pixels.
 const BLUR_PX: f64 = 0.75;
 
-/// How far from the edge a profile reaches at most, in pixels: as far as a sharp edge is blurred when it is half that far from
-/// where it was expected. Whatever lies further out, shading and noise, only disturbs: with 2.0, 3.0 and 4.0 px corners were
-/// worse by a fifth, a half and two thirds on path-traced pictures of markers.
+/// How far from the edge a profile reaches at most, in pixels: as far as a sharp edge is blurred when it is half that
+/// far from where it was expected. Whatever lies further out, shading and noise, only disturbs: with 2.0 and 3.0 px
+/// corners were worse by a fifth and two fifths (rms) on path-traced pictures of markers.
 const MAX_REACH_PX: f64 = 2.0 * BLUR_PX;
 
 /// Distance of samples across the edge, in pixels.
@@ -46,9 +46,9 @@ const REWEIGHTINGS: usize = 5;
 
 /// Refits the corners of a marker in a picture that is proportional to light.
 ///
-/// Takes corners good to about a pixel, bottom-left, bottom-right, top-right, top-left, in pixels, and returns them in that
-/// order. They come back as they were when an edge cannot be fitted: the marker is too small (cells below about 1.7 pixels),
-/// an edge is covered, or a corner would move by more than a cell.
+/// Takes corners good to about a pixel, bottom-left, bottom-right, top-right, top-left, in pixels, and returns them in
+/// that order. They come back as they were when an edge cannot be fitted: the marker is too small (cells below about
+/// 1.7 pixels), an edge is covered, or a corner would move by more than a cell.
 #[must_use]
 pub fn refine_corners(luma: &LinearLuma, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> [DVec2; 4] {
     let mut refined = corners_px;
@@ -161,7 +161,8 @@ struct Profile {
 }
 
 impl Profile {
-    /// White and black are those of this profile alone: shadows that fall across a marker change them from one to the next.
+    /// White and black are those of this profile alone: shadows that fall across a marker change them from one to the
+    /// next.
     fn take(luma: &LinearLuma, centre: DVec2, outward: DVec2, reach: f64) -> Option<Self> {
         let half_steps = (reach / STEP_PX).floor().max(1.0);
         let step = reach / half_steps;

@@ -12,7 +12,7 @@ use mirrorball_calib::{
 };
 
 /// A whole rig file: every key, five markers of which two lean, two cameras.
-pub const RIG: &str = include_str!("rig.toml");
+pub(crate) const RIG: &str = include_str!("rig.toml");
 
 /// Upright marker pictures as AprilRobotics prints them, white border included (apriltag-imgs, tag36h11).
 const BITMAPS: [(u32, [&str; 10]); 5] = [
@@ -93,12 +93,12 @@ const BITMAPS: [(u32, [&str; 10]); 5] = [
     ),
 ];
 
-pub fn rig() -> Rig {
+pub(crate) fn rig() -> Rig {
     Rig::from_toml(RIG, Path::new("rig.toml")).expect("the rig of the tests is valid")
 }
 
 /// Looks at a point from another one, with the picture's right side turned away from level by `roll_rad`.
-pub fn looking_at(target: DVec3, from: DVec3, roll_rad: f64) -> Pose {
+pub(crate) fn looking_at(target: DVec3, from: DVec3, roll_rad: f64) -> Pose {
     let forward = (target - from).normalize();
     let right = forward.cross(DVec3::Z).try_normalize().unwrap_or(DVec3::X);
     let rotation = glam::DMat3::from_cols(right, forward.cross(right), forward).transpose();
@@ -113,7 +113,7 @@ pub fn looking_at(target: DVec3, from: DVec3, roll_rad: f64) -> Pose {
 }
 
 /// What an exact detector would report of the rig's markers.
-pub fn exact_detections(rig: &Rig, intrinsics: &Intrinsics, camera_from_world: &Pose) -> Vec<Detection> {
+pub(crate) fn exact_detections(rig: &Rig, intrinsics: &Intrinsics, camera_from_world: &Pose) -> Vec<Detection> {
     let corners = |world: [DVec3; 4]| {
         let mut pixels = [DVec2::ZERO; 4];
         for (pixel, point) in pixels.iter_mut().zip(world) {
@@ -139,7 +139,7 @@ pub fn exact_detections(rig: &Rig, intrinsics: &Intrinsics, camera_from_world: &
 }
 
 /// Takes an RGB picture of the rig's markers on grey ground: rays through `samples`² points of each pixel.
-pub fn picture(rig: &Rig, camera_from_world: &Pose, samples: u32) -> Vec<u8> {
+pub(crate) fn picture(rig: &Rig, camera_from_world: &Pose, samples: u32) -> Vec<u8> {
     let camera = rig.scene_camera();
     let [width, height] = camera.intrinsics.size_px;
     let world_from_camera = camera_from_world.inverse();

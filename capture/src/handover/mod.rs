@@ -29,6 +29,7 @@ use crate::source::CameraDescription;
 mod error;
 pub mod packet;
 mod process;
+mod service;
 mod thread;
 
 pub use error::HandoverError;

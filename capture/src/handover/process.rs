@@ -3,7 +3,7 @@
 //! Frame sets go through *publish-subscribe* with safe overflow: the publisher owns a segment of shared memory with a
 //! fixed number of packets (see [`packet`]), every reader a queue of one, in which the newest wins. An *event* wakes
 //! readers that wait. Both sides open the service or create it, whoever comes first. Opening clears away what processes
-//! that died have left behind, so either side may be killed and started again.
+//! that died have left behind, so either side may be killed and started again at any moment.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -15,28 +15,14 @@ use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::service::ipc_threadsafe::Service as Ipc;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::packet;
+use super::service::{OpenService, PATIENCE, cannot_open, open_service, with_patience};
 use super::{Arrival, HandoverError, NumberedSet, PublishOutcome, READERS_MAX};
-
-/// A service has one publisher; a second one would mix its clock and counts into the first one's.
-const PUBLISHERS_MAX: usize = 1;
-
-/// Sets that wait for each reader: only the newest.
-const QUEUED_SETS: usize = 1;
-
-/// Sets a reader holds at a time: the newest so far, and the next while it looks whether there is a newer one.
-const BORROWED_SETS: usize = 2;
 
 /// Longest sleep before looking at the queue again, should a wake-up get lost with the process that sent it.
 const WAIT_SLICE: Duration = Duration::from_millis(50);
-
-/// How long to try again when a port is still held by a process that has just died.
-const CLEANUP_PATIENCE: Duration = Duration::from_secs(2);
-
-/// Pause between such tries.
-const CLEANUP_PAUSE: Duration = Duration::from_millis(20);
 
 pub(super) struct ProcessPublisher {
     service_name: String,
@@ -73,7 +59,7 @@ impl fmt::Debug for ProcessSubscriber {
 impl ProcessPublisher {
     /// Opens the service for sets whose packets are at most `limit_bytes` long.
     pub(super) fn open(service_name: &str, limit_bytes: usize) -> Result<Self, HandoverError> {
-        let (node, sets, wakeups) = open_service(service_name)?;
+        let OpenService { node, sets, wakeups } = open_service(service_name)?;
         let create = || {
             let builder = sets
                 .publisher_builder()
@@ -83,18 +69,21 @@ impl ProcessPublisher {
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
         };
-        let port = with_patience(&node, create).map_err(|source| match source {
+        let port = with_patience(PATIENCE, create, |_| clean_up(&node)).map_err(|source| match source {
             PublisherCreateError::ExceedsMaxSupportedPublishers => HandoverError::PublisherExists {
                 service: service_name.to_owned(),
             },
             other => cannot_open(service_name, "the publisher", other),
         })?;
-        let notifier = with_patience(&node, || wakeups.notifier_builder().create()).map_err(|source| match source {
-            NotifierCreateError::ExceedsMaxSupportedNotifiers => HandoverError::PublisherExists {
-                service: service_name.to_owned(),
-            },
-            other => cannot_open(service_name, "the notifier", other),
-        })?;
+        let notifier =
+            with_patience(PATIENCE, || wakeups.notifier_builder().create(), |_| clean_up(&node)).map_err(|source| {
+                match source {
+                    NotifierCreateError::ExceedsMaxSupportedNotifiers => HandoverError::PublisherExists {
+                        service: service_name.to_owned(),
+                    },
+                    other => cannot_open(service_name, "the notifier", other),
+                }
+            })?;
         Ok(Self {
             service_name: service_name.to_owned(),
             limit_bytes,
@@ -153,19 +142,25 @@ impl ProcessPublisher {
 
 impl ProcessSubscriber {
     pub(super) fn open(service_name: &str) -> Result<Self, HandoverError> {
-        let (node, sets, wakeups) = open_service(service_name)?;
+        let OpenService { node, sets, wakeups } = open_service(service_name)?;
         let too_many = || HandoverError::TooManyReaders {
             service: service_name.to_owned(),
             n_readers: READERS_MAX,
         };
-        let listener = with_patience(&node, || wakeups.listener_builder().create()).map_err(|source| match source {
-            ListenerCreateError::ExceedsMaxSupportedListeners => too_many(),
-            other => cannot_open(service_name, "the listener", other),
-        })?;
-        let port = with_patience(&node, || sets.subscriber_builder().create()).map_err(|source| match source {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => too_many(),
-            other => cannot_open(service_name, "the subscriber", other),
-        })?;
+        let listener =
+            with_patience(PATIENCE, || wakeups.listener_builder().create(), |_| clean_up(&node)).map_err(|source| {
+                match source {
+                    ListenerCreateError::ExceedsMaxSupportedListeners => too_many(),
+                    other => cannot_open(service_name, "the listener", other),
+                }
+            })?;
+        let port =
+            with_patience(PATIENCE, || sets.subscriber_builder().create(), |_| clean_up(&node)).map_err(|source| {
+                match source {
+                    SubscriberCreateError::ExceedsMaxSupportedSubscribers => too_many(),
+                    other => cannot_open(service_name, "the subscriber", other),
+                }
+            })?;
         Ok(Self {
             service_name: service_name.to_owned(),
             port,
@@ -229,73 +224,7 @@ impl ProcessSubscriber {
     }
 }
 
-type Service = (
-    Node<Ipc>,
-    publish_subscribe::PortFactory<Ipc, [u8], ()>,
-    event::PortFactory<Ipc>,
-);
-
-/// Opens or creates the service. Making the node removes what dead processes have left behind.
-fn open_service(service_name: &str) -> Result<Service, HandoverError> {
-    // Failures come back as errors and are told once, by whoever handles them.
-    set_log_level(LogLevel::Fatal);
-    let name = ServiceName::new(service_name).map_err(|_| HandoverError::ServiceName {
-        service: service_name.to_owned(),
-        max_bytes: ServiceName::max_len(),
-    })?;
-    // Not the machine's configuration file: both sides must agree, whoever starts them.
-    let node = NodeBuilder::new()
-        .config(&Config::default())
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<Ipc>()
-        .map_err(|error| cannot_open(service_name, "the node", error))?;
-    let open_sets = || {
-        let builder = node.service_builder(&name).publish_subscribe::<[u8]>();
-        let builder = builder
-            .enable_safe_overflow(true)
-            .history_size(0)
-            .max_publishers(PUBLISHERS_MAX);
-        let builder = builder
-            .max_subscribers(READERS_MAX)
-            .subscriber_max_buffer_size(QUEUED_SETS);
-        builder.subscriber_max_borrowed_samples(BORROWED_SETS).open_or_create()
-    };
-    let sets = with_patience(&node, open_sets).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
-    let open_wakeups = || {
-        let builder = node.service_builder(&name).event();
-        builder
-            .max_notifiers(PUBLISHERS_MAX)
-            .max_listeners(READERS_MAX)
-            .open_or_create()
-    };
-    let wakeups =
-        with_patience(&node, open_wakeups).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
-    Ok((node, sets, wakeups))
-}
-
-/// Tries again for a while, since the cause may be a process that has just died or is just leaving.
-fn with_patience<T, E>(node: &Node<Ipc>, mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-    let deadline = Instant::now() + CLEANUP_PATIENCE;
-    loop {
-        match open() {
-            Ok(opened) => return Ok(opened),
-            Err(error) if Instant::now() >= deadline => return Err(error),
-            Err(_) => {
-                node.try_cleanup_dead_nodes();
-                std::thread::sleep(CLEANUP_PAUSE);
-            }
-        }
-    }
-}
-
-fn cannot_open(
-    service_name: &str,
-    what: &'static str,
-    error: impl std::error::Error + Send + Sync + 'static,
-) -> HandoverError {
-    HandoverError::OpenService {
-        service: service_name.to_owned(),
-        what,
-        source: Box::new(error),
-    }
+/// Frees the places of ports whose processes have died.
+fn clean_up(node: &Node<Ipc>) {
+    node.try_cleanup_dead_nodes();
 }

@@ -3,14 +3,17 @@
 struct Frame {
     counts: vec4u,
     ball_m: vec4f,
+    // Spheres (centre, radius) that hold the receivers, the virtual objects, and everything.
+    receivers_m: vec4f,
+    virtuals_m: vec4f,
+    everything_m: vec4f,
+    // Spheres around virtual objects, four at most, a negative radius for none.
+    casters_m: array<vec4f, 4>,
 }
 
 struct Light {
     position_m: vec4f,
     intensity: vec4f,
-    texel_m: vec4f,
-    phantom_clip_from_world: mat4x4f,
-    virtual_clip_from_world: mat4x4f,
 }
 
 struct Object {

@@ -85,7 +85,7 @@ pub struct GpuProbe {
     pub limits: Vec4,
 }
 
-/// One light with its two shadow maps (`Light` in `shared/lights.wgsl`).
+/// One light (`Light` in `shared/lights.wgsl`).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuLight {
@@ -93,13 +93,10 @@ pub struct GpuLight {
     pub position_m: Vec4,
     /// xyz: intensity, so that irradiance = intensity cos θ / distance²; w: filter radius in the virtual objects' map.
     pub intensity: Vec4,
-    /// x, y: size of a texel of the two maps in the middle of the scene, metres; z, w: unused.
-    pub texel_m: Vec4,
-    /// World to the phantoms' shadow map.
-    pub phantom_clip_from_world: Mat4,
-    /// World to the virtual objects' shadow map.
-    pub virtual_clip_from_world: Mat4,
 }
+
+/// Most spheres around virtual objects in [`GpuFrame`].
+pub const MAX_CASTER_SPHERES: usize = 4;
 
 /// What all fragments of a frame share (`Frame` in `shared/lights.wgsl`).
 #[repr(C)]
@@ -109,6 +106,26 @@ pub struct GpuFrame {
     pub counts: [u32; 4],
     /// xyz: the mirror ball's centre, world; w: its radius, 0 when there is none.
     pub ball_m: Vec4,
+    /// Sphere that the phantoms' shadow maps cover: centre and radius, world, metres.
+    pub receivers_m: Vec4,
+    /// Sphere around the virtual objects, which their shadow maps cover.
+    pub virtuals_m: Vec4,
+    /// Sphere around everything: the maps' depth.
+    pub everything_m: Vec4,
+    /// Spheres around virtual objects; unused ones have a negative radius.
+    pub casters_m: [Vec4; MAX_CASTER_SPHERES],
+}
+
+/// What a light's shadow map shows (`Aim` in `shadow_map.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuAim {
+    /// xyz: the light, world, metres; w: edge of the map in texels.
+    pub position_m: Vec4,
+    /// Sphere that the map covers: centre and radius, world, metres.
+    pub receivers_m: Vec4,
+    /// Sphere whose depth it covers.
+    pub casters_m: Vec4,
 }
 
 /// Placement of one object (`Object` in `shared/lights.wgsl`).
@@ -147,6 +164,6 @@ pub struct GpuMaterial {
 pub struct GpuEnvironment {
     /// xyz: middle of the object's bounding box, world, metres; w: distance of the room from the probe, metres.
     pub position_m: Vec4,
-    /// xyz: the probe's place, world, metres; w: edge of the probe's cube in texels.
+    /// xyz: the probe's place, world, metres; w: radius of the sphere around the object, metres.
     pub probe_m: Vec4,
 }

@@ -1,10 +1,11 @@
 //! Shadow maps: for every light one of the phantoms and one of the virtual objects.
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 
 use crate::gpu::Gpu;
 use crate::gpu::pass::{DEPTH_FORMAT, RasterState, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
+use crate::gpu::types::GpuAim;
 use crate::scene_gpu::{IndexRange, SceneBuffers};
 
 /// A sphere, world frame, metres.
@@ -14,6 +15,14 @@ pub struct Sphere {
     pub center_m: Vec3,
     /// Radius.
     pub radius_m: f32,
+}
+
+impl Sphere {
+    /// Centre and radius as the shaders take them.
+    #[must_use]
+    pub fn to_vec4(self) -> Vec4 {
+        self.center_m.extend(self.radius_m)
+    }
 }
 
 /// Maps of one set of casters, a layer per light. A layer whose light stands where it stood is kept.
@@ -28,9 +37,9 @@ pub struct ShadowMaps {
 #[derive(Debug)]
 struct Layer {
     view: wgpu::TextureView,
-    matrix: wgpu::Buffer,
+    aim: wgpu::Buffer,
     bindings: wgpu::BindGroup,
-    drawn: Option<Mat4>,
+    drawn: Option<GpuAim>,
 }
 
 /// The pass.
@@ -57,11 +66,11 @@ impl ShadowMapPass {
     pub fn maps(&self, gpu: &Gpu, label: &'static str, scene: &SceneBuffers, [size, n_lights]: [u32; 2]) -> ShadowMaps {
         let texture = gpu.texture(label, TextureShape::layered([size; 2], n_lights), DEPTH_FORMAT);
         let layer = |index: u32| {
-            let matrix = gpu.buffer(label, &[Mat4::IDENTITY]);
+            let aim = gpu.buffer(label, &[<GpuAim as bytemuck::Zeroable>::zeroed()]);
             let bindings = gpu.bind(
                 label,
                 &self.pipeline.get_bind_group_layout(0),
-                &[matrix.as_entire_binding(), scene.objects.as_entire_binding()],
+                &[aim.as_entire_binding(), scene.objects.as_entire_binding()],
             );
             let view = texture.create_view(&wgpu::TextureViewDescriptor {
                 dimension: Some(wgpu::TextureViewDimension::D2),
@@ -69,7 +78,7 @@ impl ShadowMapPass {
                 array_layer_count: Some(1),
                 ..wgpu::TextureViewDescriptor::default()
             });
-            Layer { view, matrix, bindings, drawn: None }
+            Layer { view, aim, bindings, drawn: None }
         };
         ShadowMaps {
             label,
@@ -81,29 +90,29 @@ impl ShadowMapPass {
         }
     }
 
-    /// Draws `casters` for every light whose matrix (`None` for a dark light) changed; returns how many were drawn.
+    /// Draws `casters` for every light whose aim (`None` for a dark light) changed; returns how many were drawn.
     pub fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         work: (&mut ShadowMaps, &SceneBuffers, &IndexRange),
-        clip_from_world: &[Option<Mat4>],
+        aims: &[Option<GpuAim>],
     ) -> usize {
         let (maps, scene, casters) = work;
-        let changed: Vec<(usize, Mat4)> = clip_from_world
+        let changed: Vec<(usize, GpuAim)> = aims
             .iter()
             .enumerate()
-            .filter_map(|(i, matrix)| matrix.filter(|m| maps.layers[i].drawn != Some(*m)).map(|m| (i, m)))
+            .filter_map(|(i, aim)| aim.filter(|aim| maps.layers[i].drawn != Some(*aim)).map(|aim| (i, aim)))
             .collect();
         if changed.is_empty() {
             return 0;
         }
         let span = timer.span(maps.label);
-        for (position, (index, matrix)) in changed.iter().enumerate() {
+        for (position, (index, aim)) in changed.iter().enumerate() {
             let layer = &mut maps.layers[*index];
-            gpu.write(&layer.matrix, &[*matrix]);
-            layer.drawn = Some(*matrix);
+            gpu.write(&layer.aim, &[*aim]);
+            layer.drawn = Some(*aim);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some(maps.label),
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
@@ -122,32 +131,64 @@ impl ShadowMapPass {
     }
 }
 
-/// View of a light at `light_m` onto the `receivers`, as deep as all `casters`, and the size of a texel in metres in its
-/// middle.
-///
-/// Depth runs 0 to 1 from the nearest caster to behind the farthest.
-#[must_use]
-pub fn clip_from_world(light_m: Vec3, receivers: Sphere, casters: Sphere, map_size: u32) -> (Mat4, f32) {
-    let to_middle = receivers.center_m - light_m;
-    // A light inside the sphere looks at it with a wide angle instead of none.
-    let distance = to_middle.length().max(1.05 * receivers.radius_m);
-    let forward = to_middle.normalize_or(Vec3::NEG_Z);
-    let right = forward.any_orthonormal_vector();
-    let up = right.cross(forward);
-    let tangent = (receivers.radius_m / distance).asin().tan();
-    let middle_of_casters = (casters.center_m - light_m).dot(forward);
-    let near = (middle_of_casters - casters.radius_m).max(0.02 * distance);
-    let far = (middle_of_casters + casters.radius_m).max(2.0 * near);
-    let row = |axis: Vec3, scale: f32, offset: f32| (axis * scale).extend(offset - scale * axis.dot(light_m));
-    let depth = far / (far - near);
-    let rows = [
-        row(right, 1.0 / tangent, 0.0),
-        row(up, 1.0 / tangent, 0.0),
-        row(forward, depth, -near * depth),
-        row(forward, 1.0, 0.0),
-    ];
-    let matrix = Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose();
-    (matrix, 2.0 * tangent * distance / map_size as f32)
+/// A light's view of the receivers: the CPU twin of `shadow_view` in `shared/shadow.wgsl`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShadowView {
+    /// The light, world, metres.
+    pub position_m: Vec3,
+    /// The map's axes and the direction of view, unit, world.
+    pub axes: [Vec3; 3],
+    /// Tangent of half the opening angle.
+    pub tangent: f32,
+    /// Near and far plane, metres.
+    pub depth_m: [f32; 2],
+    /// Size of a texel in the middle of the receivers, metres.
+    pub texel_m: f32,
+}
+
+impl ShadowView {
+    /// The view that an aim describes: it just holds the receivers and is as deep as the casters.
+    #[must_use]
+    pub fn new(aim: &GpuAim) -> Self {
+        let position_m = aim.position_m.truncate();
+        let to_middle = aim.receivers_m.truncate() - position_m;
+        // A light inside the sphere looks at it with a wide angle instead of none.
+        let distance = to_middle.length().max(1.05 * aim.receivers_m.w);
+        let forward = to_middle.normalize_or(Vec3::NEG_Z);
+        let [right, up] = basis(forward);
+        let ratio = aim.receivers_m.w / distance;
+        let tangent = ratio / (1.0 - ratio * ratio).sqrt();
+        let middle = (aim.casters_m.truncate() - position_m).dot(forward);
+        let near_m = (middle - aim.casters_m.w).max(0.02 * distance);
+        let far_m = (middle + aim.casters_m.w).max(2.0 * near_m);
+        Self {
+            position_m,
+            axes: [right, up, forward],
+            tangent,
+            depth_m: [near_m, far_m],
+            texel_m: 2.0 * tangent * distance / aim.position_m.w,
+        }
+    }
+
+    /// Normalised device coordinates of a world point: x, y in -1 ..= 1 inside the map, z in 0 ..= 1.
+    #[must_use]
+    pub fn project(&self, point_m: Vec3) -> Vec3 {
+        let [x, y, z] = self.axes.map(|axis| axis.dot(point_m - self.position_m));
+        let [near, far] = self.depth_m;
+        Vec3::new(x / (self.tangent * z), y / (self.tangent * z), far * (z - near) / ((far - near) * z))
+    }
+}
+
+/// Two unit vectors that make a right-handed frame with `forward` (Duff et al. 2017, "Building an orthonormal basis,
+/// revisited").
+fn basis(forward: Vec3) -> [Vec3; 2] {
+    let sign = if forward.z >= 0.0 { 1.0 } else { -1.0 };
+    let a = -1.0 / (sign + forward.z);
+    let b = forward.x * forward.y * a;
+    [
+        Vec3::new(1.0 + sign * forward.x * forward.x * a, sign * b, -sign * forward.x),
+        Vec3::new(b, sign + forward.y * forward.y * a, -forward.y),
+    ]
 }
 
 /// Smallest-ish sphere around spheres: centred on the middle of their bounding box. `None` without any.
@@ -160,17 +201,18 @@ pub fn enclosing(spheres: &[Sphere]) -> Option<Sphere> {
     Some(Sphere { center_m, radius_m })
 }
 
-/// Normalised device coordinates of a world point, for tests and CPU twins.
-#[must_use]
-pub fn project(clip_from_world: &Mat4, point_m: Vec3) -> Vec3 {
-    let clip: Vec4 = *clip_from_world * point_m.extend(1.0);
-    clip.truncate() / clip.w
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    fn aim(light_m: Vec3, receivers: Sphere, casters: Sphere) -> GpuAim {
+        GpuAim {
+            position_m: light_m.extend(512.0),
+            receivers_m: receivers.to_vec4(),
+            casters_m: casters.to_vec4(),
+        }
+    }
 
     proptest! {
         #[test]
@@ -179,22 +221,21 @@ mod tests {
         ) {
             let receivers = Sphere { center_m: Vec3::new(0.1, 0.2, 0.0), radius_m: 0.2 };
             let casters = Sphere { center_m: Vec3::ZERO, radius_m: 0.5 };
-            let light = receivers.center_m + Vec3::new(x, y, z);
-            let (matrix, texel_m) = clip_from_world(light, receivers, casters, 512);
+            let view = ShadowView::new(&aim(receivers.center_m + Vec3::new(x, y, z), receivers, casters));
             let off = Vec3::new(dx, dy, dz);
             prop_assume!(off.length() > 0.01);
-            let ndc = project(&matrix, receivers.center_m + off.normalize() * receivers.radius_m);
+            let ndc = view.project(receivers.center_m + off.normalize() * receivers.radius_m);
             prop_assert!(ndc.x.abs() < 1.01 && ndc.y.abs() < 1.01, "{ndc}");
             prop_assert!(ndc.z > 0.0 && ndc.z < 1.0, "{ndc}");
-            prop_assert!(texel_m > 2.0 * receivers.radius_m / 512.0 * 0.99);
+            prop_assert!(view.texel_m > 2.0 * receivers.radius_m / 512.0 * 0.99);
         }
     }
 
     #[test]
     fn nearer_is_smaller_in_depth() {
         let sphere = Sphere { center_m: Vec3::ZERO, radius_m: 0.3 };
-        let (matrix, _) = clip_from_world(Vec3::Z, sphere, sphere, 256);
-        assert!(project(&matrix, Vec3::new(0.0, 0.0, 0.1)).z < project(&matrix, Vec3::ZERO).z);
+        let view = ShadowView::new(&aim(Vec3::Z, sphere, sphere));
+        assert!(view.project(Vec3::new(0.0, 0.0, 0.1)).z < view.project(Vec3::ZERO).z);
     }
 
     #[test]

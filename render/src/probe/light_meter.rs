@@ -373,6 +373,10 @@ fn descend(rows: &[Row], free: &[usize], channel: usize, weights: &[f32], unknow
 }
 
 /// Connected regions of texels whose `clipped` is not 0 and that are not on a phantom; largest first.
+///
+/// Bits 0 to 2: the channel clips somewhere in the texel; 3 to 5: everywhere in it. A lamp far above the clipping level
+/// clips every pixel that it touches, so the region of the former is half a pixel too wide all round, and at the ball's
+/// rim half a pixel is degrees; the latter, where there are any, are the lamp.
 #[must_use]
 pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>) -> Vec<ClippedRegion> {
     let wanted = |i: usize| clipped.texels()[i] != 0 && near_m.texels()[i] >= NOTHING_M;
@@ -395,7 +399,9 @@ pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>) -> Vec<ClippedReg
             }
         }
         let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
-        regions.push(ClippedRegion { texels, channels: [0, 1, 2].map(|c| bits >> c & 1 == 1) });
+        let core: Vec<usize> = texels.iter().copied().filter(|&i| clipped.texels()[i] >> 3 != 0).collect();
+        let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
+        regions.push(ClippedRegion { texels: if core.is_empty() { texels } else { core }, channels });
     }
     regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
     regions

@@ -113,7 +113,7 @@ struct Memory {
     radiance: Vec3,
     /// Frames in the average, 0 when never seen.
     frames: u8,
-    /// Clipped channels when last seen.
+    /// Channels clipped anywhere in the texel when last seen (bits 0 to 2) and everywhere in it (bits 3 to 5).
     clipped: u8,
 }
 
@@ -126,8 +126,17 @@ pub struct LightProbe {
     chooser: LightChooser,
     meter: LightMeter,
     memory: Vec<Memory>,
-    room_m: Option<f32>,
+    room: Room,
     n_updates: usize,
+}
+
+/// The room's distance over time, metres.
+#[derive(Debug, Clone, Copy)]
+struct Room {
+    /// Follows `averaged_m` in steps, so that shadow maps can be kept.
+    used_m: f32,
+    averaged_m: f32,
+    is_measured: bool,
 }
 
 impl LightProbe {
@@ -145,7 +154,11 @@ impl LightProbe {
             memory: vec![Memory::default(); near_m.texels().len()],
             near_m,
             optics,
-            room_m: None,
+            room: Room {
+                used_m: config.probe.room_distance_m,
+                averaged_m: config.probe.room_distance_m,
+                is_measured: false,
+            },
             n_updates: 0,
         }
     }
@@ -165,10 +178,11 @@ impl LightProbe {
     /// Distance of the room as known so far, metres.
     #[must_use]
     pub fn room_m(&self) -> f32 {
-        self.room_m.unwrap_or(self.config.room_distance_m)
+        self.room.used_m
     }
 
-    /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of clipped channels) and gives the
+    /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere in
+    /// the texel plus 8 times those clipped everywhere) and gives the
     /// light. Without a view of the scene (no pose) nothing is put back from the papers.
     pub fn update(&mut self, measured: &[Vec4], view: Option<&SceneView<'_>>, occluders: &Occluders) -> Light {
         self.remember(measured);
@@ -186,10 +200,9 @@ impl LightProbe {
         let known = KnownLight { probe_m: self.optics.position_m(), far: &far, radiance: &radiance };
         let question = self.meter.question(&readings, known, &regions, occluders);
         if !readings.is_empty() {
-            let seen_m = question.room_m(self.config.room_distance_m);
-            self.room_m = Some(self.room_m.map_or(seen_m, |before| before.powf(0.75) * seen_m.powf(0.25)));
+            self.room.see(question.room_m(self.config.room_distance_m));
         }
-        let meter = question.explain(self.room_m());
+        let meter = question.explain(self.room.used_m);
         for (region, missing) in regions.iter().zip(&meter.missing_radiance) {
             for &texel in &region.texels {
                 far.texels_mut()[texel] += *missing;
@@ -197,7 +210,7 @@ impl LightProbe {
             }
         }
         let lights = self.chooser.choose(&far);
-        Light { radiance, far, lights, room_m: self.room_m(), meter }
+        Light { radiance, far, lights, room_m: self.room.used_m, meter }
     }
 
     /// Averages what stays and replaces what changed.
@@ -254,10 +267,26 @@ impl LightProbe {
     }
 }
 
+impl Room {
+    /// Takes an estimate in: a geometric average over about four of them.
+    fn see(&mut self, seen_m: f32) {
+        /// Changes smaller than this share are left out.
+        const STEP: f32 = 0.05;
+        if !self.is_measured {
+            *self = Self { used_m: seen_m, averaged_m: seen_m, is_measured: true };
+            return;
+        }
+        self.averaged_m = self.averaged_m.powf(0.75) * seen_m.powf(0.25);
+        if (self.averaged_m / self.used_m).ln().abs() > STEP {
+            self.used_m = self.averaged_m;
+        }
+    }
+}
+
 impl Memory {
     fn take(&mut self, radiance: Vec3, clipped: u8, config: &ProbeConfig) {
         let (new, old) = (luminance(radiance), luminance(self.radiance));
-        let has_changed = self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped != self.clipped;
+        let has_changed = self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped & 7 != self.clipped & 7;
         self.frames = if has_changed { 1 } else { (self.frames + 1).min(config.average_frames as u8) };
         self.radiance += (radiance - self.radiance) / f32::from(self.frames);
         self.clipped = clipped;

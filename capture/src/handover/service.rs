@@ -1,0 +1,215 @@
+//! Opens an iceoryx2 service, whatever processes that were killed have left behind.
+//!
+//! iceoryx2 clears away what dead processes held, but not a service whose maker was killed in the few milliseconds
+//! while it made it, or whose machine has lost its power: that service blocks its name for ever. So all programs of this
+//! crate open services one at a time, under a file lock that the system releases when its holder dies. Who holds the
+//! lock and still finds a service half made knows that its maker is dead, and removes it.
+
+use std::fs::{File, OpenOptions};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::*;
+use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
+use iceoryx2::service::ipc_threadsafe::Service as Ipc;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::service_hash::ServiceHash;
+
+use super::{HandoverError, READERS_MAX};
+
+/// A service has one publisher; a second one would mix its clock and counts into the first one's.
+const PUBLISHERS_MAX: usize = 1;
+
+/// Sets that wait for each reader: only the newest.
+const QUEUED_SETS: usize = 1;
+
+/// Sets a reader holds at a time: the newest so far, and the next while it looks whether there is a newer one.
+const BORROWED_SETS: usize = 2;
+
+/// How long to try again when what is in the way may belong to a process that has just died or is just leaving.
+pub(super) const PATIENCE: Duration = Duration::from_secs(3);
+
+/// How long to wait for the lock: longer than all that its holder may be patient with.
+const LOCK_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Pause between such tries.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// How long a service may be in creation. It takes a few milliseconds; nobody else makes one at the same time.
+const CREATION_TIMEOUT: Duration = Duration::from_millis(250);
+
+/// The lock file, beside the files of iceoryx2.
+const LOCK_FILE: &str = "mirrorball.lock";
+
+/// A service that is open, and the node it is open in.
+pub(super) struct OpenService {
+    pub(super) node: Node<Ipc>,
+    pub(super) sets: publish_subscribe::PortFactory<Ipc, [u8], ()>,
+    pub(super) wakeups: event::PortFactory<Ipc>,
+}
+
+/// Opens the service, or creates it. Making the node removes what dead processes have left behind.
+pub(super) fn open_service(service_name: &str) -> Result<OpenService, HandoverError> {
+    // Failures come back as errors and are told once, by whoever handles them.
+    set_log_level(LogLevel::Fatal);
+    let name = ServiceName::new(service_name).map_err(|_| HandoverError::ServiceName {
+        service: service_name.to_owned(),
+        max_bytes: ServiceName::max_len(),
+    })?;
+    // Not the machine's configuration file: both sides must agree, whoever starts them.
+    let mut config = Config::default();
+    config.global.creation_timeout = CREATION_TIMEOUT;
+    let lock = lock_opening(&config).map_err(|error| cannot_open(service_name, "the lock file", error))?;
+    let node = NodeBuilder::new()
+        .config(&config)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<Ipc>()
+        .map_err(|error| cannot_open(service_name, "the node", error))?;
+    let sets = open_sets(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
+    let wakeups =
+        open_wakeups(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
+    Ok(OpenService { node, sets, wakeups })
+}
+
+/// Tries to open something again and again for as long as `patience` lasts; `clear_away` is told each error and may remove its cause.
+pub(super) fn with_patience<T, E>(
+    patience: Duration,
+    mut open: impl FnMut() -> Result<T, E>,
+    mut clear_away: impl FnMut(&E),
+) -> Result<T, E> {
+    let deadline = Instant::now() + patience;
+    loop {
+        match open() {
+            Ok(opened) => return Ok(opened),
+            Err(error) if Instant::now() >= deadline => return Err(error),
+            Err(error) => {
+                clear_away(&error);
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+}
+
+/// Makes the error for something that cannot be opened.
+pub(super) fn cannot_open(
+    service_name: &str,
+    what: &'static str,
+    error: impl std::error::Error + Send + Sync + 'static,
+) -> HandoverError {
+    HandoverError::OpenService {
+        service: service_name.to_owned(),
+        what,
+        source: Box::new(error),
+    }
+}
+
+/// The right to open services; given back when it is dropped, or when its holder dies.
+struct OpeningLock {
+    _file: File,
+}
+
+fn lock_opening(config: &Config) -> std::io::Result<OpeningLock> {
+    let folder = PathBuf::from(config.global.root_path().to_string());
+    std::fs::create_dir_all(&folder)?;
+    let file = OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(folder.join(LOCK_FILE))?;
+    with_patience(LOCK_PATIENCE, || file.try_lock(), |_| {})?;
+    Ok(OpeningLock { _file: file })
+}
+
+fn open_sets(
+    node: &Node<Ipc>,
+    name: &ServiceName,
+    lock: &OpeningLock,
+) -> Result<publish_subscribe::PortFactory<Ipc, [u8], ()>, PublishSubscribeOpenOrCreateError> {
+    use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as OpenError;
+    let open = || {
+        let builder = node.service_builder(name).publish_subscribe::<[u8]>();
+        let builder = builder
+            .enable_safe_overflow(true)
+            .history_size(0)
+            .max_publishers(PUBLISHERS_MAX);
+        let builder = builder
+            .max_subscribers(READERS_MAX)
+            .subscriber_max_buffer_size(QUEUED_SETS);
+        builder.subscriber_max_borrowed_samples(BORROWED_SETS).open_or_create()
+    };
+    with_patience(PATIENCE, open, |error| {
+        use PublishSubscribeOpenError::{HangsInCreation, ServiceInCorruptedState};
+        if matches!(error, OpenError(HangsInCreation | ServiceInCorruptedState)) {
+            remove_half_made(node.config(), name, MessagingPattern::PublishSubscribe, lock);
+        }
+    })
+}
+
+fn open_wakeups(
+    node: &Node<Ipc>,
+    name: &ServiceName,
+    lock: &OpeningLock,
+) -> Result<event::PortFactory<Ipc>, EventOpenOrCreateError> {
+    let open = || {
+        let builder = node.service_builder(name).event();
+        builder
+            .max_notifiers(PUBLISHERS_MAX)
+            .max_listeners(READERS_MAX)
+            .open_or_create()
+    };
+    with_patience(PATIENCE, open, |error| {
+        use EventOpenError::{HangsInCreation, ServiceInCorruptedState};
+        if matches!(
+            error,
+            EventOpenOrCreateError::EventOpenError(HangsInCreation | ServiceInCorruptedState)
+        ) {
+            remove_half_made(node.config(), name, MessagingPattern::Event, lock);
+        }
+    })
+}
+
+/// Removes a service whose maker was killed before it was complete.
+///
+/// Nobody has opened it, since it is incomplete, and its maker is dead, since makers hold the lock: `_lock` is the proof.
+/// iceoryx2's own `force_remove_service` leaves such a service alone, so its file goes by its name, which a test checks.
+fn remove_half_made(config: &Config, name: &ServiceName, pattern: MessagingPattern, _lock: &OpeningLock) {
+    // A failure shows when the service is opened the next time.
+    let _ = std::fs::remove_file(service_file(config, name, pattern));
+}
+
+/// The file with which iceoryx2 announces a service.
+fn service_file(config: &Config, name: &ServiceName, pattern: MessagingPattern) -> PathBuf {
+    let hash = ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern);
+    let suffix = &config.global.service.static_config_storage_suffix;
+    let file = format!("{}{}{suffix}", config.global.prefix, hash.as_str());
+    PathBuf::from(config.global.service_dir().to_string()).join(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::OpenOptionsExt;
+
+    use super::*;
+
+    #[test]
+    fn a_half_made_service_is_in_nobodys_way() {
+        let service_name = format!("mirrorball/half-made-{}", std::process::id());
+        let name = ServiceName::new(&service_name).unwrap();
+        for pattern in [MessagingPattern::PublishSubscribe, MessagingPattern::Event] {
+            let file = service_file(&Config::default(), &name, pattern);
+            let service = open_service(&service_name).unwrap();
+            assert!(file.exists(), "iceoryx2 names its files as this module believes");
+            drop(service);
+            // What is left of a maker that was killed, and of one whose machine has lost its power.
+            for mode in [0o600, 0o400] {
+                OpenOptions::new()
+                    .write(true)
+                    .create_new(true)
+                    .mode(mode)
+                    .open(&file)
+                    .unwrap();
+                open_service(&service_name).map(|_| ()).unwrap();
+            }
+        }
+    }
+}

@@ -130,7 +130,7 @@ impl RenderNode {
             lights.iter().map(|l| is_lit(l).then(|| self.aim(l.position_m.truncate(), receivers))).collect()
         };
         let (phantom_aims, virtual_aims) = (aims(self.receivers()), aims(self.bounds.virtuals));
-        let frame_data = self.gpu_frame(lights.len());
+        self.passes.direct.write(gpu, &self.gpu_frame(lights.len()), &lights);
 
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
@@ -143,7 +143,8 @@ impl RenderNode {
         passes.downsample.record(&mut encoder, timer);
         passes.prefilter_specular.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
-        passes.shade.record(gpu, &mut encoder, timer, scene, (&frame_data, &lights));
+        passes.receive.record(&mut encoder, timer, scene, passes.camera_depth.single());
+        passes.shade.record(&mut encoder, timer, scene, passes.camera_depth.multisampled());
         passes.composite.record(&mut encoder, timer);
         timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);

@@ -17,6 +17,8 @@ use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::prefilter_specular::PrefilterSpecular;
 use crate::passes::radiance_map::RadianceMap;
+use crate::passes::direct::{self, DirectLight};
+use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade};
 use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
 use crate::probe::{Light, LightProbe, ProbeOptics};
@@ -92,6 +94,8 @@ pub(crate) struct Passes {
     pub(crate) downsample: Downsample,
     pub(crate) prefilter_specular: PrefilterSpecular,
     pub(crate) irradiance: Irradiance,
+    pub(crate) direct: DirectLight,
+    pub(crate) receive: Receive,
     pub(crate) shade: Shade,
     pub(crate) composite: Composite,
 }
@@ -216,7 +220,7 @@ impl Passes {
         let map_shape = [config.shadow.map_size, n_lights];
         let phantom_maps = shadow_map.maps(gpu, "shadow_map: phantoms", scene, map_shape);
         let virtual_maps = shadow_map.maps(gpu, "shadow_map: virtual objects", scene, map_shape);
-        let camera_depth = CameraDepth::new(gpu, &pictures.camera, scene, size_px);
+        let camera_depth = CameraDepth::new(gpu, &pictures.camera, scene, (size_px, shade::SAMPLES));
         let sampler = gpu.linear_sampler();
         let local_environment = LocalEnvironment::new(
             gpu,
@@ -225,35 +229,35 @@ impl Passes {
                 camera: &pictures.camera,
                 response: &pictures.scene.response,
                 picture: &pictures.scene.view,
-                camera_depth: &camera_depth.view,
+                camera_depth: camera_depth.single(),
                 probe_radiance: &pictures.radiance.view,
                 far_radiance: &pictures.far.view,
                 sampler: &sampler,
             },
         );
-        let shade = Shade::new(
-            gpu,
-            shade::Inputs {
-                camera: &pictures.camera,
-                scene,
-                environments,
-                phantom_maps: &phantom_maps.view,
-                virtual_maps: &virtual_maps.view,
-                sampler: &sampler,
-            },
-            size_px,
-        );
+        let direct = DirectLight::new(gpu);
+        let inputs = direct::Inputs {
+            camera: &pictures.camera,
+            scene,
+            environments,
+            phantom_maps: &phantom_maps.view,
+            virtual_maps: &virtual_maps.view,
+        };
+        let receive = Receive::new(gpu, &direct, inputs, size_px);
+        let shade = Shade::new(gpu, &direct, inputs, (&sampler, size_px));
         Self {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
             downsample: Downsample::new(gpu, environments),
             prefilter_specular: PrefilterSpecular::new(gpu, environments, &sampler),
             irradiance: Irradiance::new(gpu, environments),
-            composite: Composite::new(gpu, &pictures.camera, &pictures.scene, &shade, size_px),
+            composite: Composite::new(gpu, &pictures.camera, &pictures.scene, (&shade, &receive), size_px),
             shadow_map,
             phantom_maps,
             virtual_maps,
             camera_depth,
             local_environment,
+            direct,
+            receive,
             shade,
         }
     }

@@ -3,10 +3,11 @@
 use std::borrow::Cow;
 
 /// Sources that passes share, by the name they are imported with.
-const SHARED: [(&str, &str); 7] = [
+const SHARED: [(&str, &str); 8] = [
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
+    ("direct", include_str!("../../shaders/shared/direct.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
@@ -14,7 +15,7 @@ const SHARED: [(&str, &str); 7] = [
 ];
 
 /// Sources of the passes, by the name of the pass.
-pub const PASSES: [(&str, &str); 10] = [
+pub const PASSES: [(&str, &str); 11] = [
     ("camera_depth", include_str!("../../shaders/camera_depth.wgsl")),
     ("composite", include_str!("../../shaders/composite.wgsl")),
     ("downsample", include_str!("../../shaders/downsample.wgsl")),
@@ -23,6 +24,7 @@ pub const PASSES: [(&str, &str); 10] = [
     ("present", include_str!("../../shaders/present.wgsl")),
     ("prefilter_specular", include_str!("../../shaders/prefilter_specular.wgsl")),
     ("radiance_map", include_str!("../../shaders/radiance_map.wgsl")),
+    ("receive", include_str!("../../shaders/receive.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
 ];

@@ -5,6 +5,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::readback::Readback;
 use crate::gpu::timer::{Ends, Timer};
+use crate::passes::receive::Receive;
 use crate::passes::shade::Shade;
 use crate::scene_gpu::PictureBuffers;
 
@@ -24,7 +25,7 @@ impl Composite {
         gpu: &Gpu,
         camera: &wgpu::Buffer,
         picture: &PictureBuffers,
-        shade: &Shade,
+        (shade, receive): (&Shade, &Receive),
         size_px: [u32; 2],
     ) -> Self {
         let pipeline = gpu.compute_pipeline("composite");
@@ -36,8 +37,8 @@ impl Composite {
                 camera.as_entire_binding(),
                 picture.response.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&picture.view),
-                wgpu::BindingResource::TextureView(shade.virtual_radiance()),
-                wgpu::BindingResource::TextureView(shade.phantom_ratio()),
+                wgpu::BindingResource::TextureView(shade.radiance()),
+                wgpu::BindingResource::TextureView(receive.ratio()),
                 out.buffer().as_entire_binding(),
             ],
         );

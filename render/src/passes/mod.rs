@@ -2,11 +2,13 @@
 
 pub mod camera_depth;
 pub mod composite;
+pub mod direct;
 pub mod downsample;
 pub mod irradiance;
 pub mod local_environment;
 pub mod prefilter_specular;
 pub mod radiance_map;
+pub mod receive;
 pub mod shade;
 pub mod shadow_map;
 

@@ -1,0 +1,91 @@
+// Phantoms as the ratio by which virtual objects dim the light on them: irradiance with all objects over irradiance with
+// the real ones alone. CPU twin: src/reference/receive.rs.
+
+#import camera
+#import lights
+#import sh
+#import shadow
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> frame: Frame;
+// Uniform, not storage: software drivers read storage one lane at a time.
+@group(0) @binding(2) var<uniform> lights: array<Light, 144>;
+@group(0) @binding(3) var<storage, read> objects: array<Object>;
+@group(0) @binding(4) var<uniform> environments: array<Environment, 16>;
+// Nine coefficients per environment, sixteen apart.
+@group(0) @binding(5) var<uniform> near_sh: array<vec4f, 256>;
+@group(0) @binding(6) var phantom_maps: texture_depth_2d_array;
+@group(0) @binding(7) var virtual_maps: texture_depth_2d_array;
+@group(0) @binding(8) var depth_sampler: sampler_comparison;
+
+#import direct
+
+// A loss of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.
+const LEAST_LOSS: f32 = 0.002;
+
+struct Corner {
+    @invariant @builtin(position) clip: vec4f,
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+}
+
+@vertex
+fn vertex(@location(0) position: vec3f, @location(1) object: u32, @location(2) normal: vec3f) -> Corner {
+    let world_from_object = objects[object].world_from_object;
+    let world = (world_from_object * vec4f(position, 1.0)).xyz;
+    return Corner(clip_of(camera, world), world, (world_from_object * vec4f(normal, 0.0)).xyz);
+}
+
+// Exactly 1 where no virtual object is in any light's way.
+fn phantom_ratio(point: vec3f, normal: vec3f) -> vec3f {
+    let from_ball = distance(point, frame.ball_m.xyz);
+    if abs(from_ball - frame.ball_m.w) < 0.02 * frame.ball_m.w {
+        // A mirror shows no shadow.
+        return vec3f(1.0);
+    }
+    var lost = vec3f(0.0);
+    var arriving = vec3f(0.0);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        let light = lights[i];
+        let direct = unshadowed(light, point, normal);
+        arriving += direct;
+        if any(direct > vec3f(0.0)) && may_be_shaded(light, point) {
+            lost += direct * (1.0 - past_virtual(i, light, point, normal, 0.0));
+        }
+    }
+    if all(lost <= LEAST_LOSS * arriving) {
+        return vec3f(1.0);
+    }
+    lost = vec3f(0.0);
+    var without = vec3f(0.0);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        let light = lights[i];
+        let direct = unshadowed(light, point, normal);
+        if any(direct > vec3f(0.0)) {
+            let real = direct * past_phantoms(i, light, point, normal);
+            without += real;
+            if may_be_shaded(light, point) {
+                lost += real * (1.0 - past_virtual(i, light, point, normal, 0.0));
+            }
+        }
+    }
+    let near = near_irradiance(nearest_environment(point), normal);
+    let total = max(without + near, vec3f(1e-9));
+    return max(total - lost, vec3f(0.0)) / total;
+}
+
+fn nearest_environment(point: vec3f) -> u32 {
+    var nearest = 0u;
+    for (var i = 1u; i < frame.counts.z; i++) {
+        if distance(environments[i].position_m.xyz, point) < distance(environments[nearest].position_m.xyz, point) {
+            nearest = i;
+        }
+    }
+    return nearest;
+}
+
+// Ratio, and 1 where there is a phantom.
+@fragment
+fn fragment(corner: Corner) -> @location(0) vec4f {
+    return vec4f(phantom_ratio(corner.position, normalize(corner.normal)), 1.0);
+}

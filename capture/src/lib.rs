@@ -1,9 +1,9 @@
 //! Frames from recordings and cameras, and their hand-over to whoever uses them.
 //!
-//! **A frame** ([`Frame`]) is one picture as the camera encoded it, with the truth about how it was taken: the exposure,
-//! gain and white balance in force at that moment, never the ones asked for. It is immutable; a clone shares the pixels.
-//! A **frame set** ([`FrameSet`]) is one frame of the leading camera (the one with the role `scene`) and, of every other
-//! camera, the frame nearest to it in time.
+//! **A frame** ([`Frame`]) is one picture as the camera encoded it, with the truth about how it was taken: the
+//! exposure, gain and white balance in force at that moment, never the ones asked for. It is immutable; a clone shares
+//! the pixels. A **frame set** ([`FrameSet`]) is one frame of the leading camera (the one with the role `scene`) and,
+//! of every other camera, the frame nearest to it in time.
 //!
 //! **The clock**: time stamps are nanoseconds on one monotonic clock shared by all cameras of a rig. Frames are paired
 //! by time stamp, never by sequence number, and never by the time at which they arrive.
@@ -16,9 +16,9 @@
 //! ```
 //!
 //! A [`Source`] makes frames and gives them away. The [`Grouper`] keeps a few until their partners have come. The
-//! [`handover`] keeps as many sets as its transport has room for. After that a frame lives as long as its user holds it.
-//! A [`Playback`] drives the chain; [`play_in_thread`] does so on a thread of its own (the embedded mode), the program
-//! `mirrorball-capture` as a process of its own (the live mode).
+//! [`handover`] keeps as many sets as its transport has room for. After that a frame lives as long as its user holds
+//! it. A [`Playback`] drives the chain; [`play_in_thread`] does so on a thread of its own (the embedded mode), the
+//! program `mirrorball-capture` as a process of its own (the live mode).
 //!
 //! **What is not in here**: no GPU; no calibration (of a rig file only names, roles and sizes of the cameras are read);
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.

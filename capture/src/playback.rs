@@ -227,7 +227,8 @@ impl PlaybackThread {
 
     /// Waits for the end of the thread and returns what it has done.
     ///
-    /// With the lossless transport the thread may wait for the reader: receive to the end, or drop the subscriber first.
+    /// With the lossless transport the thread may wait for the reader: receive to the end, or drop the subscriber
+    /// first.
     ///
     /// # Errors
     ///

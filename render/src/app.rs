@@ -53,22 +53,41 @@ impl Frames {
         match input {
             Input::Recording { folder, bad_frames } => {
                 let from = folder.display().to_string();
-                let failed = |source| RenderError::Source { from: from.clone(), source };
+                let failed = |source| RenderError::Source {
+                    from: from.clone(),
+                    source,
+                };
                 let player = Player::open(folder, Pace::Max, Repeat::ONCE).map_err(|e| failed(Box::new(e)))?;
                 // Cameras of a rig run at one rate, so this is right or nearly so; it only feeds the progress bar.
                 let n_frames = player.n_frames() / player.cameras().len().max(1);
-                let others: Vec<_> =
-                    player.cameras().iter().map(|c| c.name.clone()).filter(|name| &**name != scene_camera).collect();
+                let others: Vec<_> = player
+                    .cameras()
+                    .iter()
+                    .map(|c| c.name.clone())
+                    .filter(|name| &**name != scene_camera)
+                    .collect();
                 let grouper = Grouper::new(scene_camera.into(), &others, DEFAULT_MAX_SKEW);
                 let (publisher, subscriber) = handover::lossless(READ_AHEAD);
                 let thread = play_in_thread(Box::new(player), grouper, publisher, *bad_frames)
                     .map_err(|e| failed(Box::new(e)))?;
-                Ok(Self { subscriber, thread: Some(thread), from, n_frames: Some(n_frames as u64) })
+                Ok(Self {
+                    subscriber,
+                    thread: Some(thread),
+                    from,
+                    n_frames: Some(n_frames as u64),
+                })
             }
             Input::Live { service } => {
-                let subscriber = handover::subscribe_to(service)
-                    .map_err(|e| RenderError::Source { from: service.clone(), source: Box::new(e) })?;
-                Ok(Self { subscriber, thread: None, from: service.clone(), n_frames: None })
+                let subscriber = handover::subscribe_to(service).map_err(|e| RenderError::Source {
+                    from: service.clone(),
+                    source: Box::new(e),
+                })?;
+                Ok(Self {
+                    subscriber,
+                    thread: None,
+                    from: service.clone(),
+                    n_frames: None,
+                })
             }
         }
     }
@@ -115,7 +134,13 @@ impl App {
     /// Puts the parts together.
     #[must_use]
     pub fn new(node: RenderNode, frames: Frames, sinks: Vec<Box<dyn Sink>>) -> Self {
-        Self { node, frames, sinks, counts: Counts::default(), last_complaint: None }
+        Self {
+            node,
+            frames,
+            sinks,
+            counts: Counts::default(),
+            last_complaint: None,
+        }
     }
 
     /// The render node.
@@ -133,7 +158,10 @@ impl App {
     /// Counts so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        Counts { missed: self.frames.subscriber.stats().missed, ..self.counts }
+        Counts {
+            missed: self.frames.subscriber.stats().missed,
+            ..self.counts
+        }
     }
 
     /// Takes the next frame set, renders it and hands the result to the sinks.
@@ -159,7 +187,10 @@ impl App {
                 self.skip(&error);
                 Ok(Step::Waiting)
             }
-            Err(error) => Err(RenderError::Source { from: self.frames.from.clone(), source: Box::new(error) }),
+            Err(error) => Err(RenderError::Source {
+                from: self.frames.from.clone(),
+                source: Box::new(error),
+            }),
         }
     }
 
@@ -175,7 +206,10 @@ impl App {
     /// Counts a frame that could not be used; says so once a second at most.
     fn skip(&mut self, error: &dyn std::error::Error) {
         self.counts.skipped += 1;
-        if self.last_complaint.is_none_or(|last| last.elapsed() > Duration::from_secs(1)) {
+        if self
+            .last_complaint
+            .is_none_or(|last| last.elapsed() > Duration::from_secs(1))
+        {
             self.last_complaint = Some(Instant::now());
             tracing::warn!(skipped = self.counts.skipped, "frame skipped: {error}");
         }
@@ -183,9 +217,10 @@ impl App {
 
     fn join_reader(&mut self) -> Result<(), RenderError> {
         if let Some(thread) = self.frames.thread.take() {
-            let stats = thread
-                .join()
-                .map_err(|e| RenderError::Source { from: self.frames.from.clone(), source: Box::new(e) })?;
+            let stats = thread.join().map_err(|e| RenderError::Source {
+                from: self.frames.from.clone(),
+                source: Box::new(e),
+            })?;
             self.counts.skipped += stats.skipped_frames;
         }
         Ok(())

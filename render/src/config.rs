@@ -65,7 +65,12 @@ pub struct ShadowConfig {
 
 impl Default for ShadowConfig {
     fn default() -> Self {
-        Self { dome_lights: 48, bright_lights: 16, map_size: 256, pcf_taps: 9 }
+        Self {
+            dome_lights: 48,
+            bright_lights: 16,
+            map_size: 256,
+            pcf_taps: 9,
+        }
     }
 }
 
@@ -81,7 +86,10 @@ pub struct ViewConfig {
 
 impl Default for ViewConfig {
     fn default() -> Self {
-        Self { near_m: 0.02, far_m: 20.0 }
+        Self {
+            near_m: 0.02,
+            far_m: 20.0,
+        }
     }
 }
 
@@ -91,9 +99,14 @@ impl RenderConfig {
     /// # Errors
     /// A file that cannot be read, an unknown key, a value out of range; the message names key and range.
     pub fn load(file: &Path) -> Result<Self, RenderError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|source| RenderError::Read { file: file.to_owned(), source })?;
-        Self::parse(&text).map_err(|message| RenderError::Config { file: file.to_owned(), message })
+        let text = std::fs::read_to_string(file).map_err(|source| RenderError::Read {
+            file: file.to_owned(),
+            source,
+        })?;
+        Self::parse(&text).map_err(|message| RenderError::Config {
+            file: file.to_owned(),
+            message,
+        })
     }
 
     /// Parses the text of a settings file and checks every range.
@@ -110,7 +123,10 @@ impl RenderConfig {
         let Self { probe, shadow, view } = self;
         within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
         if probe.cube_size % 16 != 0 {
-            return Err(format!("`probe.cube_size` is `{}`; it must be a multiple of 16", probe.cube_size));
+            return Err(format!(
+                "`probe.cube_size` is `{}`; it must be a multiple of 16",
+                probe.cube_size
+            ));
         }
         within("probe.room_distance_m", f64::from(probe.room_distance_m), 0.5, 100.0)?;
         within("probe.camera_radius_m", f64::from(probe.camera_radius_m), 0.0, 0.5)?;
@@ -121,7 +137,10 @@ impl RenderConfig {
         within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
         within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
         if ![9, 25, 49].contains(&shadow.pcf_taps) {
-            return Err(format!("`shadow.pcf_taps` is `{}`; allowed are 9, 25 and 49", shadow.pcf_taps));
+            return Err(format!(
+                "`shadow.pcf_taps` is `{}`; allowed are 9, 25 and 49",
+                shadow.pcf_taps
+            ));
         }
         within("view.near_m", f64::from(view.near_m), 1e-3, 10.0)?;
         within("view.far_m", f64::from(view.far_m), f64::from(view.near_m) * 2.0, 1e4)
@@ -147,9 +166,18 @@ mod tests {
     #[test]
     fn bad_values_name_the_key_and_the_range() {
         for (text, expected) in [
-            ("[shadow]\npcf_taps = 10", "`shadow.pcf_taps` is `10`; allowed are 9, 25 and 49"),
-            ("[shadow]\nmap_size = 1", "`shadow.map_size` is `1`; allowed are 64 ..= 2048"),
-            ("[probe]\ncube_size = 40", "`probe.cube_size` is `40`; it must be a multiple of 16"),
+            (
+                "[shadow]\npcf_taps = 10",
+                "`shadow.pcf_taps` is `10`; allowed are 9, 25 and 49",
+            ),
+            (
+                "[shadow]\nmap_size = 1",
+                "`shadow.map_size` is `1`; allowed are 64 ..= 2048",
+            ),
+            (
+                "[probe]\ncube_size = 40",
+                "`probe.cube_size` is `40`; it must be a multiple of 16",
+            ),
             ("[probe]\nroom_distance_m = nan", "`probe.room_distance_m` is `NaN`"),
             ("[probe]\nroom = 1", "unknown field `room`"),
         ] {

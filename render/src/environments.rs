@@ -35,7 +35,11 @@ impl CubeTexture {
     pub fn new(gpu: &Gpu, label: &str, size: u32) -> Self {
         let texture = gpu.texture(label, TextureShape::layered([size; 2], FACES as u32), RADIANCE_FORMAT);
         let view = texture.create_view(&cube_view(0, 1));
-        Self { texture, view, texels: vec![[f16::ZERO; 4]; FACES * (size * size) as usize] }
+        Self {
+            texture,
+            view,
+            texels: vec![[f16::ZERO; 4]; FACES * (size * size) as usize],
+        }
     }
 
     /// Uploads radiance of the same size, clamped to what half floats hold.
@@ -102,14 +106,16 @@ impl Environments {
             .map(|(_, object)| {
                 let (center_m, radius_m) = object.bounding_sphere(rig);
                 let hit_m = surroundings::distances_m(occluders, center_m, 1e-3, ENVIRONMENT_SIZE);
-                let shines =
-                    |m: &crate::scene::Material| m.metallic > 0.0 || m.dielectric_f0.iter().any(|&f| f > 0.0);
+                let shines = |m: &crate::scene::Material| m.metallic > 0.0 || m.dielectric_f0.iter().any(|&f| f > 0.0);
                 Slot {
                     name: object.name.clone(),
                     center_m,
                     radius_m,
                     is_glossy: object.mesh.materials.iter().any(shines),
-                    parameters: gpu.buffer("environment: parameters", &[<GpuEnvironment as bytemuck::Zeroable>::zeroed()]),
+                    parameters: gpu.buffer(
+                        "environment: parameters",
+                        &[<GpuEnvironment as bytemuck::Zeroable>::zeroed()],
+                    ),
                     hit_m: gpu.buffer("environment: distances", hit_m.texels()),
                 }
             })
@@ -134,8 +140,14 @@ impl Environments {
                 ..wgpu::TextureViewDescriptor::default()
             }),
             specular,
-            all: gpu.buffer("environment: all", &[<GpuEnvironment as bytemuck::Zeroable>::zeroed(); MAX_ENVIRONMENTS]),
-            near_sh: gpu.buffer("environment: near light", &[Vec4::ZERO; MAX_ENVIRONMENTS * SH_STRIDE_BYTES as usize / 16]),
+            all: gpu.buffer(
+                "environment: all",
+                &[<GpuEnvironment as bytemuck::Zeroable>::zeroed(); MAX_ENVIRONMENTS],
+            ),
+            near_sh: gpu.buffer(
+                "environment: near light",
+                &[Vec4::ZERO; MAX_ENVIRONMENTS * SH_STRIDE_BYTES as usize / 16],
+            ),
             slots,
         }
     }
@@ -165,11 +177,16 @@ impl Environments {
         let readback = Readback::new(gpu, "environment: readback", (n_texels * size_of::<[f16; 4]>()) as u64);
         let mut out = Vec::with_capacity(self.slots.len());
         for (index, slot) in self.slots.iter().enumerate() {
-            let mut encoder =
-                gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("environment") });
+            let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                label: Some("environment"),
+            });
             encoder.copy_texture_to_buffer(
                 wgpu::TexelCopyTextureInfo {
-                    origin: wgpu::Origin3d { x: 0, y: 0, z: (FACES * index) as u32 },
+                    origin: wgpu::Origin3d {
+                        x: 0,
+                        y: 0,
+                        z: (FACES * index) as u32,
+                    },
                     ..self.radiance.as_image_copy()
                 },
                 wgpu::TexelCopyBufferInfo {
@@ -189,7 +206,10 @@ impl Environments {
             readback.record(&mut encoder);
             gpu.queue.submit([encoder.finish()]);
             readback.read(gpu, &mut texels)?;
-            let radiance = texels.iter().map(|t| Vec3::new(t[0].to_f32(), t[1].to_f32(), t[2].to_f32())).collect();
+            let radiance = texels
+                .iter()
+                .map(|t| Vec3::new(t[0].to_f32(), t[1].to_f32(), t[2].to_f32()))
+                .collect();
             if let Some(cube) = Cube::from_texels(ENVIRONMENT_SIZE, radiance) {
                 out.push((slot.name.clone(), cube));
             }

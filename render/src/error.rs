@@ -130,7 +130,9 @@ impl RenderError {
             Self::NoAdapter { .. } => {
                 Some("install a Vulkan driver; `apt-get install mesa-vulkan-drivers` gives a software one".into())
             }
-            Self::NoDevice { .. } | Self::Gpu { .. } => Some("run with RUST_LOG=wgpu=info to see the driver's words".into()),
+            Self::NoDevice { .. } | Self::Gpu { .. } => {
+                Some("run with RUST_LOG=wgpu=info to see the driver's words".into())
+            }
             Self::Write { .. } => Some("check permissions and free space, or choose another `--out`".into()),
             Self::Window { .. } => Some("run without `--window`; `--out DIR` writes pictures instead".into()),
         }

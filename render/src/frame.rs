@@ -80,12 +80,15 @@ impl RenderNode {
         let rig = &self.rig;
         let scene_camera = rig.scene_camera();
         let view: Option<ProbeView<'_>> = match rig.probe_camera() {
-            Some(camera) => {
-                set.camera(&camera.name).zip(camera.camera_from_world).map(|(frame, pose)| (frame, camera, pose))
-            }
+            Some(camera) => set
+                .camera(&camera.name)
+                .zip(camera.camera_from_world)
+                .map(|(frame, pose)| (frame, camera, pose)),
             None => pose.map(|pose| (frame, scene_camera, *pose)),
         };
-        let Some((probe_frame, probe_camera, camera_from_world)) = view else { return Ok(()) };
+        let Some((probe_frame, probe_camera, camera_from_world)) = view else {
+            return Ok(());
+        };
         check_size(probe_frame, probe_camera)?;
         if self.probe_sequence == Some(probe_frame.meta.sequence) {
             return Ok(());
@@ -104,7 +107,10 @@ impl RenderNode {
             }
             None => &self.pictures.scene,
         };
-        let measured = self.passes.radiance_map.run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
+        let measured = self
+            .passes
+            .radiance_map
+            .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
         let scene_view = pose.map(|pose| SceneView {
             picture: Picture::new(frame, scene_camera),
             camera: scene_camera,
@@ -127,12 +133,17 @@ impl RenderNode {
         let lights = self.gpu_lights(light, probe_m);
         let aims = |receivers: Sphere| -> Vec<Option<GpuAim>> {
             let is_lit = |l: &GpuLight| l.intensity.truncate() != Vec3::ZERO;
-            lights.iter().map(|l| is_lit(l).then(|| self.aim(l.position_m.truncate(), receivers))).collect()
+            lights
+                .iter()
+                .map(|l| is_lit(l).then(|| self.aim(l.position_m.truncate(), receivers)))
+                .collect()
         };
         let (phantom_aims, virtual_aims) = (aims(self.receivers()), aims(self.bounds.virtuals));
         self.passes.direct.write(gpu, &self.gpu_frame(lights.len()), &lights);
 
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
         let work = (&mut passes.phantom_maps, scene, &scene.phantoms);
         passes.shadow_map.record(gpu, &mut encoder, timer, work, &phantom_aims);
@@ -141,10 +152,16 @@ impl RenderNode {
         passes.camera_depth.record(&mut encoder, timer, scene);
         passes.local_environment.record(&mut encoder, timer);
         passes.downsample.record(&mut encoder, timer);
-        passes.prefilter_specular.record(&mut encoder, timer, &self.environments);
+        passes
+            .prefilter_specular
+            .record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
-        passes.receive.record(&mut encoder, timer, scene, passes.camera_depth.single());
-        passes.shade.record(&mut encoder, timer, scene, passes.camera_depth.multisampled());
+        passes
+            .receive
+            .record(&mut encoder, timer, scene, passes.camera_depth.single());
+        passes
+            .shade
+            .record(&mut encoder, timer, scene, passes.camera_depth.multisampled());
         passes.composite.record(&mut encoder, timer);
         timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
@@ -153,7 +170,12 @@ impl RenderNode {
 
     fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {
         let view = self.config.view;
-        GpuCamera::new(camera, camera_from_world, &frame.meta.exposure, [view.near_m, view.far_m])
+        GpuCamera::new(
+            camera,
+            camera_from_world,
+            &frame.meta.exposure,
+            [view.near_m, view.far_m],
+        )
     }
 
     fn gpu_frame(&self, n_lights: usize) -> GpuFrame {
@@ -164,7 +186,12 @@ impl RenderNode {
         };
         let (center_m, radius_m) = ball_m.unwrap_or((DVec3::ZERO, 0.0));
         GpuFrame {
-            counts: [n_lights as u32, taps, self.environments.slots.len() as u32, self.config.shadow.map_size],
+            counts: [
+                n_lights as u32,
+                taps,
+                self.environments.slots.len() as u32,
+                self.config.shadow.map_size,
+            ],
             ball_m: center_m.as_vec3().extend(radius_m as f32),
             receivers_m: self.receivers().to_vec4(),
             virtuals_m: self.bounds.virtuals.to_vec4(),
@@ -176,7 +203,10 @@ impl RenderNode {
     /// What the phantoms' shadow maps cover: the virtual objects and the ground around them.
     fn receivers(&self) -> Sphere {
         let virtuals = self.bounds.virtuals;
-        Sphere { radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M, ..virtuals }
+        Sphere {
+            radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M,
+            ..virtuals
+        }
     }
 
     /// Spheres around the virtual objects; those beyond the last place make the last one larger.
@@ -209,7 +239,11 @@ impl RenderNode {
             .lights
             .iter()
             .map(|l| {
-                let taps = if luminance(l.irradiance) < SINGLE_TAP_SHARE * total { Taps::One } else { Taps::Many };
+                let taps = if luminance(l.irradiance) < SINGLE_TAP_SHARE * total {
+                    Taps::One
+                } else {
+                    Taps::Many
+                };
                 self.gpu_light(l, taps, (probe_m, light.room_m))
             })
             .collect()
@@ -245,7 +279,11 @@ enum Taps {
 
 /// The camera's picture as RGBA.
 fn untouched(frame: &Frame) -> Vec<u8> {
-    frame.pixels.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect()
+    frame
+        .pixels
+        .chunks_exact(3)
+        .flat_map(|p| [p[0], p[1], p[2], 255])
+        .collect()
 }
 
 fn ms_since(start: Instant) -> f64 {

@@ -76,8 +76,12 @@ struct OutputArguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn,mirrorball=info".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let filter =
+        tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn,mirrorball=info".into());
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
     match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -88,13 +92,20 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), RenderError> {
-    let config = arguments.config.as_deref().map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
+    let config = arguments
+        .config
+        .as_deref()
+        .map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
     let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
     if let Some(folder) = &arguments.output.out {
-        let environment = if arguments.output.environment_out { EnvironmentOut::Yes } else { EnvironmentOut::No };
+        let environment = if arguments.output.environment_out {
+            EnvironmentOut::Yes
+        } else {
+            EnvironmentOut::No
+        };
         sinks.push(Box::new(FolderSink::create(folder, environment)?));
     }
     let frames = Frames::open(&input, &rig.scene_camera().name)?;
@@ -160,9 +171,15 @@ fn input(arguments: &InputArguments) -> Input {
     match &arguments.recording {
         Some(folder) => Input::Recording {
             folder: folder.clone(),
-            bad_frames: if arguments.skip_bad_frames { BadFramePolicy::Skip } else { BadFramePolicy::Fail },
+            bad_frames: if arguments.skip_bad_frames {
+                BadFramePolicy::Skip
+            } else {
+                BadFramePolicy::Fail
+            },
         },
-        None => Input::Live { service: arguments.service.clone() },
+        None => Input::Live {
+            service: arguments.service.clone(),
+        },
     }
 }
 
@@ -172,7 +189,10 @@ fn load_rig(arguments: &InputArguments) -> Result<Rig, RenderError> {
         (None, Some(folder)) => folder.join("rig.toml"),
         (None, None) => PathBuf::from("rig.toml"),
     };
-    let text = std::fs::read_to_string(&file).map_err(|source| RenderError::Read { file: file.clone(), source })?;
+    let text = std::fs::read_to_string(&file).map_err(|source| RenderError::Read {
+        file: file.clone(),
+        source,
+    })?;
     Ok(Rig::from_toml(&text, &file)?)
 }
 
@@ -180,8 +200,10 @@ fn load_rig(arguments: &InputArguments) -> Result<Rig, RenderError> {
 fn stop_flag() -> Result<Arc<AtomicBool>, RenderError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone())
-            .map_err(|source| RenderError::Read { file: PathBuf::from("(signals)"), source })?;
+        signal_hook::flag::register(signal, stop.clone()).map_err(|source| RenderError::Read {
+            file: PathBuf::from("(signals)"),
+            source,
+        })?;
     }
     Ok(stop)
 }

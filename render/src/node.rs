@@ -12,12 +12,12 @@ use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuCamera;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
+use crate::passes::direct::{self, DirectLight};
 use crate::passes::downsample::Downsample;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::prefilter_specular::PrefilterSpecular;
 use crate::passes::radiance_map::RadianceMap;
-use crate::passes::direct::{self, DirectLight};
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade};
 use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
@@ -198,12 +198,22 @@ impl Bounds {
                 let (center_m, radius_m) = o.bounding_sphere(rig);
                 Sphere { center_m, radius_m }
             };
-            let all: Vec<Sphere> =
-                scene.objects.iter().filter(|o| kind.is_none_or(|k| o.kind == k)).map(sphere).collect();
+            let all: Vec<Sphere> = scene
+                .objects
+                .iter()
+                .filter(|o| kind.is_none_or(|k| o.kind == k))
+                .map(sphere)
+                .collect();
             // Without any object the maps stay empty; any sphere will do.
-            enclosing(&all).unwrap_or(Sphere { center_m: Vec3::ZERO, radius_m: 0.1 })
+            enclosing(&all).unwrap_or(Sphere {
+                center_m: Vec3::ZERO,
+                radius_m: 0.1,
+            })
         };
-        Self { virtuals: spheres(Some(Kind::Virtual)), everything: spheres(None) }
+        Self {
+            virtuals: spheres(Some(Kind::Virtual)),
+            everything: spheres(None),
+        }
     }
 }
 

@@ -149,7 +149,10 @@ fn write_layer(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, rgba: &[u8]) {
             bytes_per_row: Some(4 * size.width),
             rows_per_image: Some(size.height),
         },
-        wgpu::Extent3d { depth_or_array_layers: 1, ..size },
+        wgpu::Extent3d {
+            depth_or_array_layers: 1,
+            ..size
+        },
     );
 }
 

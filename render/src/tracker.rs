@@ -54,7 +54,9 @@ impl Tracker {
                 families.push(marker.family);
             }
         }
-        Self { finder: Finder::new(&families) }
+        Self {
+            finder: Finder::new(&families),
+        }
     }
 
     /// Locates the camera that took `frame`.
@@ -62,7 +64,12 @@ impl Tracker {
         let size = [frame.size.width as usize, frame.size.height as usize];
         let detections = match self.finder.find(&frame.pixels, size, camera) {
             Ok(detections) => detections,
-            Err(error) => return TrackedPose::Lost { reason: error.to_string(), markers: 0 },
+            Err(error) => {
+                return TrackedPose::Lost {
+                    reason: error.to_string(),
+                    markers: 0,
+                };
+            }
         };
         let markers = detections.iter().filter(|d| rig.marker(d.id).is_some()).count();
         match locate(&detections, rig, &camera.intrinsics) {
@@ -71,7 +78,10 @@ impl Tracker {
                 reprojection_error_px: located.reprojection_error_px,
                 markers: located.markers,
             },
-            Err(no_pose) => TrackedPose::Lost { reason: no_pose.to_string(), markers },
+            Err(no_pose) => TrackedPose::Lost {
+                reason: no_pose.to_string(),
+                markers,
+            },
         }
     }
 }

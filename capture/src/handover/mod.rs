@@ -11,8 +11,8 @@
 //! - memory is bounded, whatever either side does;
 //! - a set that was published but never reached the reader is counted in [`SubscriberStats::missed`];
 //! - a publisher that wins by being newest never waits for a reader;
-//! - inside one process the end of the stream, its errors and a panic of the publisher reach the reader, after every set
-//!   that was published before; between processes either side may die and come back, and the other waits for it.
+//! - inside one process the end of the stream, its errors and a panic of the publisher reach the reader, after every
+//!   set that was published before; between processes either side may die and come back, and the other waits for it.
 //!
 //! Inside one process sets travel by reference. Between processes a set is written once into shared memory by the
 //! publisher and copied once out of it by the reader, so that a reader which keeps frames never holds up the exchange.
@@ -134,7 +134,8 @@ pub struct SubscriberStats {
     /// Sets the publisher replaced by newer ones before they were received. Between processes they are counted from the
     /// first set received on, anew for each publisher.
     pub missed: u64,
-    /// How often another publisher has taken over: the daemon was restarted, and its clock and counts may have been too.
+    /// How often another publisher has taken over: the daemon was restarted, and its clock and counts may have been
+    /// too.
     pub publisher_changes: u64,
 }
 

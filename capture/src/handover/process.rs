@@ -9,8 +9,7 @@ use std::fmt;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
-use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
-use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
@@ -18,7 +17,7 @@ use iceoryx2::service::ipc_threadsafe::Service as Ipc;
 use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::packet;
-use super::service::{OpenService, PATIENCE, cannot_open, open_service, with_patience};
+use super::service::{OpenService, PATIENCE, PublishingRight, cannot_open, open_service, with_patience};
 use super::{Arrival, HandoverError, NumberedSet, PublishOutcome, READERS_MAX};
 
 /// Longest sleep before looking at the queue again, should a wake-up get lost with the process that sent it.
@@ -31,6 +30,8 @@ pub(super) struct ProcessPublisher {
     sets: publish_subscribe::PortFactory<Ipc, [u8], ()>,
     port: iceoryx2::port::publisher::Publisher<Ipc, [u8], ()>,
     notifier: Notifier<Ipc>,
+    /// Given back last, when the port is closed.
+    _right: PublishingRight,
 }
 
 pub(super) struct ProcessSubscriber {
@@ -59,7 +60,13 @@ impl fmt::Debug for ProcessSubscriber {
 impl ProcessPublisher {
     /// Opens the service for sets whose packets are at most `limit_bytes` long.
     pub(super) fn open(service_name: &str, limit_bytes: usize) -> Result<Self, HandoverError> {
-        let OpenService { node, sets, wakeups } = open_service(service_name)?;
+        let OpenService {
+            name,
+            node,
+            sets,
+            wakeups,
+        } = open_service(service_name)?;
+        let right = PublishingRight::take(&name)?;
         let create = || {
             let builder = sets
                 .publisher_builder()
@@ -69,21 +76,10 @@ impl ProcessPublisher {
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
         };
-        let port = with_patience(PATIENCE, create, |_| clean_up(&node)).map_err(|source| match source {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => HandoverError::PublisherExists {
-                service: service_name.to_owned(),
-            },
-            other => cannot_open(service_name, "the publisher", other),
-        })?;
-        let notifier =
-            with_patience(PATIENCE, || wakeups.notifier_builder().create(), |_| clean_up(&node)).map_err(|source| {
-                match source {
-                    NotifierCreateError::ExceedsMaxSupportedNotifiers => HandoverError::PublisherExists {
-                        service: service_name.to_owned(),
-                    },
-                    other => cannot_open(service_name, "the notifier", other),
-                }
-            })?;
+        let port = with_patience(PATIENCE, create, |_| clean_up(&node))
+            .map_err(|error| cannot_open(service_name, "the publisher", error))?;
+        let notifier = with_patience(PATIENCE, || wakeups.notifier_builder().create(), |_| clean_up(&node))
+            .map_err(|error| cannot_open(service_name, "the notifier", error))?;
         Ok(Self {
             service_name: service_name.to_owned(),
             limit_bytes,
@@ -91,6 +87,7 @@ impl ProcessPublisher {
             sets,
             port,
             notifier,
+            _right: right,
         })
     }
 
@@ -142,7 +139,9 @@ impl ProcessPublisher {
 
 impl ProcessSubscriber {
     pub(super) fn open(service_name: &str) -> Result<Self, HandoverError> {
-        let OpenService { node, sets, wakeups } = open_service(service_name)?;
+        let OpenService {
+            node, sets, wakeups, ..
+        } = open_service(service_name)?;
         let too_many = || HandoverError::TooManyReaders {
             service: service_name.to_owned(),
             n_readers: READERS_MAX,

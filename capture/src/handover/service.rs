@@ -1,11 +1,14 @@
 //! Opens an iceoryx2 service, whatever processes that were killed have left behind.
 //!
 //! iceoryx2 clears away what dead processes held, but not a service whose maker was killed in the few milliseconds
-//! while it made it, or whose machine has lost its power: that service blocks its name for ever. So all programs of this
-//! crate open services one at a time, under a file lock that the system releases when its holder dies. Who holds the
-//! lock and still finds a service half made knows that its maker is dead, and removes it.
+//! while it made it, or whose machine has lost its power: that service blocks its name for ever. So all programs of
+//! this crate open services one at a time, under a file lock that the system releases when its holder dies. Who holds
+//! the lock and still finds a service half made knows that its maker is dead, and removes it.
 
 use std::fs::{File, OpenOptions};
+use std::io::ErrorKind;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -18,8 +21,9 @@ use iceoryx2::service::service_hash::ServiceHash;
 
 use super::{HandoverError, READERS_MAX};
 
-/// A service has one publisher; a second one would mix its clock and counts into the first one's.
-const PUBLISHERS_MAX: usize = 1;
+/// Publishers iceoryx2 keeps places for. Only one lives at a time; in the other places may be remains of killed ones
+/// that could not be cleared away because those who cleared were killed too.
+const PUBLISHERS_MAX: usize = 4;
 
 /// Sets that wait for each reader: only the newest.
 const QUEUED_SETS: usize = 1;
@@ -44,6 +48,7 @@ const LOCK_FILE: &str = "mirrorball.lock";
 
 /// A service that is open, and the node it is open in.
 pub(super) struct OpenService {
+    pub(super) name: ServiceName,
     pub(super) node: Node<Ipc>,
     pub(super) sets: publish_subscribe::PortFactory<Ipc, [u8], ()>,
     pub(super) wakeups: event::PortFactory<Ipc>,
@@ -69,10 +74,41 @@ pub(super) fn open_service(service_name: &str) -> Result<OpenService, HandoverEr
     let sets = open_sets(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
     let wakeups =
         open_wakeups(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
-    Ok(OpenService { node, sets, wakeups })
+    Ok(OpenService {
+        name,
+        node,
+        sets,
+        wakeups,
+    })
 }
 
-/// Tries to open something again and again for as long as `patience` lasts; `clear_away` is told each error and may remove its cause.
+/// The right to publish on a service; given back when it is dropped, or when its holder dies.
+///
+/// A service has one publisher: a second one would mix its clock and counts into the first one's. The right is a socket
+/// of the service's name that nobody sends to: the system binds a name only once, and leaves nothing behind.
+pub(super) struct PublishingRight {
+    _socket: UnixDatagram,
+}
+
+impl PublishingRight {
+    /// Takes the right, waiting a while for a publisher that is just dying.
+    pub(super) fn take(name: &ServiceName) -> Result<Self, HandoverError> {
+        let cannot = |error| cannot_open(name.as_str(), "the right to publish", error);
+        let hash = service_hash(name, MessagingPattern::PublishSubscribe);
+        let address_name = format!("mirrorball-publisher-{}", hash.as_str());
+        let address = SocketAddr::from_abstract_name(address_name).map_err(cannot)?;
+        match with_patience(PATIENCE, || UnixDatagram::bind_addr(&address), |_| {}) {
+            Ok(socket) => Ok(Self { _socket: socket }),
+            Err(error) if error.kind() == ErrorKind::AddrInUse => Err(HandoverError::PublisherExists {
+                service: name.to_string(),
+            }),
+            Err(error) => Err(cannot(error)),
+        }
+    }
+}
+
+/// Tries to open something again and again for as long as `patience` lasts; `clear_away` is told each error and may
+/// remove its cause.
 pub(super) fn with_patience<T, E>(
     patience: Duration,
     mut open: impl FnMut() -> Result<T, E>,
@@ -170,8 +206,9 @@ fn open_wakeups(
 
 /// Removes a service whose maker was killed before it was complete.
 ///
-/// Nobody has opened it, since it is incomplete, and its maker is dead, since makers hold the lock: `_lock` is the proof.
-/// iceoryx2's own `force_remove_service` leaves such a service alone, so its file goes by its name, which a test checks.
+/// Nobody has opened it, since it is incomplete, and its maker is dead, since makers hold the lock: `_lock` is the
+/// proof. iceoryx2's own `force_remove_service` leaves such a service alone, so its file goes by its name, which a test
+/// checks.
 fn remove_half_made(config: &Config, name: &ServiceName, pattern: MessagingPattern, _lock: &OpeningLock) {
     // A failure shows when the service is opened the next time.
     let _ = std::fs::remove_file(service_file(config, name, pattern));
@@ -179,10 +216,14 @@ fn remove_half_made(config: &Config, name: &ServiceName, pattern: MessagingPatte
 
 /// The file with which iceoryx2 announces a service.
 fn service_file(config: &Config, name: &ServiceName, pattern: MessagingPattern) -> PathBuf {
-    let hash = ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern);
+    let hash = service_hash(name, pattern);
     let suffix = &config.global.service.static_config_storage_suffix;
     let file = format!("{}{}{suffix}", config.global.prefix, hash.as_str());
     PathBuf::from(config.global.service_dir().to_string()).join(file)
+}
+
+fn service_hash(name: &ServiceName, pattern: MessagingPattern) -> ServiceHash {
+    ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern)
 }
 
 #[cfg(test)]

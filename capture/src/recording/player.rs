@@ -47,8 +47,8 @@ const LONE_FRAME_INTERVAL_NS: u64 = 33_333_333;
 /// A [`Source`] over an image-folder recording.
 ///
 /// Frames come in the order of the frame list, which is that of time. When the recording is repeated, time stamps and
-/// sequence numbers go on rising as if the cameras had never stopped (and it ends when 64 bits are used up). A picture is read when it is asked for, before
-/// the wait for its moment, so that reading does not delay it.
+/// sequence numbers go on rising as if the cameras had never stopped (and it ends when 64 bits are used up). A picture
+/// is read when it is asked for, before the wait for its moment, so that reading does not delay it.
 #[derive(Debug)]
 pub struct Player {
     folder: PathBuf,

@@ -44,13 +44,27 @@ impl Gpu {
         let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("render node"),
-            required_features: if has_timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() },
+            required_features: if has_timestamps {
+                wgpu::Features::TIMESTAMP_QUERY
+            } else {
+                wgpu::Features::empty()
+            },
             required_limits: wgpu::Limits::default(),
             ..wgpu::DeviceDescriptor::default()
         }))
-        .map_err(|source| RenderError::NoDevice { adapter: info.name.clone(), source })?;
+        .map_err(|source| RenderError::NoDevice {
+            adapter: info.name.clone(),
+            source,
+        })?;
         let name = format!("{} ({} {})", info.name, info.driver, info.driver_info);
-        Ok(Self { instance, adapter, device, queue, name, has_timestamps })
+        Ok(Self {
+            instance,
+            adapter,
+            device,
+            queue,
+            name,
+            has_timestamps,
+        })
     }
 
     /// Waits until all submitted work is done.
@@ -61,6 +75,9 @@ impl Gpu {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
             .map(|_| ())
-            .map_err(|error| RenderError::Gpu { during, message: error.to_string() })
+            .map_err(|error| RenderError::Gpu {
+                during,
+                message: error.to_string(),
+            })
     }
 }

@@ -85,7 +85,11 @@ impl Gpu {
     #[must_use]
     pub fn render_pipeline(&self, name: &'static str, state: &RasterState<'_>) -> wgpu::RenderPipeline {
         let module = shader::module(&self.device, name);
-        let targets: Vec<_> = state.targets.iter().map(|&format| Some(wgpu::ColorTargetState::from(format))).collect();
+        let targets: Vec<_> = state
+            .targets
+            .iter()
+            .map(|&format| Some(wgpu::ColorTargetState::from(format)))
+            .collect();
         self.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(name),
             layout: None,
@@ -95,7 +99,10 @@ impl Gpu {
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 buffers: &[Some(VERTEX_LAYOUT)],
             },
-            primitive: wgpu::PrimitiveState { cull_mode: state.cull, ..wgpu::PrimitiveState::default() },
+            primitive: wgpu::PrimitiveState {
+                cull_mode: state.cull,
+                ..wgpu::PrimitiveState::default()
+            },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH_FORMAT,
                 depth_write_enabled: Some(true),
@@ -103,7 +110,10 @@ impl Gpu {
                 stencil: wgpu::StencilState::default(),
                 bias: state.bias,
             }),
-            multisample: wgpu::MultisampleState { count: state.samples, ..wgpu::MultisampleState::default() },
+            multisample: wgpu::MultisampleState {
+                count: state.samples,
+                ..wgpu::MultisampleState::default()
+            },
             fragment: (!targets.is_empty()).then(|| wgpu::FragmentState {
                 module: &module,
                 entry_point: Some("fragment"),
@@ -126,9 +136,16 @@ impl Gpu {
         let entries: Vec<_> = resources
             .iter()
             .enumerate()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource: resource.clone() })
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding: binding as u32,
+                resource: resource.clone(),
+            })
             .collect();
-        self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(label),
+            layout,
+            entries: &entries,
+        })
     }
 
     /// A sampler that filters linearly between texels and mips and clamps at the edges.
@@ -161,13 +178,21 @@ impl TextureShape {
     /// One layer, one mip, one sample.
     #[must_use]
     pub fn plain(size_px: [u32; 2]) -> Self {
-        Self { size_px, layers: 1, mips: 1, samples: 1 }
+        Self {
+            size_px,
+            layers: 1,
+            mips: 1,
+            samples: 1,
+        }
     }
 
     /// An array of layers.
     #[must_use]
     pub fn layered(size_px: [u32; 2], layers: u32) -> Self {
-        Self { layers, ..Self::plain(size_px) }
+        Self {
+            layers,
+            ..Self::plain(size_px)
+        }
     }
 }
 

@@ -59,14 +59,20 @@ impl Readback {
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn read<T: Pod>(&self, gpu: &Gpu, out: &mut [T]) -> Result<(), RenderError> {
         const DURING: &str = "reading a result back";
-        let failed = |message: String| RenderError::Gpu { during: DURING, message };
+        let failed = |message: String| RenderError::Gpu {
+            during: DURING,
+            message,
+        };
         let (sender, receiver) = std::sync::mpsc::channel();
         self.mapped.map_async(wgpu::MapMode::Read, .., move |result| {
             // The receiver waits below; when it is gone, nobody wants the result.
             let _ = sender.send(result);
         });
         gpu.wait(DURING)?;
-        receiver.recv().map_err(|e| failed(e.to_string()))?.map_err(|e| failed(e.to_string()))?;
+        receiver
+            .recv()
+            .map_err(|e| failed(e.to_string()))?
+            .map_err(|e| failed(e.to_string()))?;
         let view = self.mapped.get_mapped_range(..).map_err(|e| failed(e.to_string()))?;
         let bytes: &[u8] = &view;
         let out = bytemuck::cast_slice_mut(out);

@@ -20,9 +20,15 @@ pub const PASSES: [(&str, &str); 11] = [
     ("composite", include_str!("../../shaders/composite.wgsl")),
     ("downsample", include_str!("../../shaders/downsample.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
-    ("local_environment", include_str!("../../shaders/local_environment.wgsl")),
+    (
+        "local_environment",
+        include_str!("../../shaders/local_environment.wgsl"),
+    ),
     ("present", include_str!("../../shaders/present.wgsl")),
-    ("prefilter_specular", include_str!("../../shaders/prefilter_specular.wgsl")),
+    (
+        "prefilter_specular",
+        include_str!("../../shaders/prefilter_specular.wgsl"),
+    ),
     ("radiance_map", include_str!("../../shaders/radiance_map.wgsl")),
     ("receive", include_str!("../../shaders/receive.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
@@ -34,7 +40,10 @@ pub const PASSES: [(&str, &str); 11] = [
 pub fn resolve(source: &str) -> String {
     let mut out = String::with_capacity(source.len() + 4096);
     for line in source.lines() {
-        match line.strip_prefix("#import ").and_then(|name| SHARED.iter().find(|(known, _)| *known == name.trim())) {
+        match line
+            .strip_prefix("#import ")
+            .and_then(|name| SHARED.iter().find(|(known, _)| *known == name.trim()))
+        {
             Some((_, shared)) => out.push_str(shared),
             None => out.push_str(line),
         }
@@ -49,7 +58,10 @@ pub fn resolve(source: &str) -> String {
 /// Never for the names in [`PASSES`].
 #[must_use]
 pub fn module(device: &wgpu::Device, name: &'static str) -> wgpu::ShaderModule {
-    let source = PASSES.iter().find(|(known, _)| *known == name).map_or("", |(_, source)| source);
+    let source = PASSES
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map_or("", |(_, source)| source);
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(name),
         source: wgpu::ShaderSource::Wgsl(Cow::Owned(resolve(source))),

@@ -27,7 +27,11 @@ impl Timer {
             });
             (set, Readback::for_queries(gpu, "pass times", 16 * MAX_PASSES as u64))
         });
-        Self { queries, names: Vec::with_capacity(MAX_PASSES), period_ns: gpu.queue.get_timestamp_period() }
+        Self {
+            queries,
+            names: Vec::with_capacity(MAX_PASSES),
+            period_ns: gpu.queue.get_timestamp_period(),
+        }
     }
 
     /// Forgets the passes of the last frame.
@@ -42,7 +46,10 @@ impl Timer {
         if set.is_some() {
             self.names.push(name);
         }
-        Span { set, first: 2 * index as u32 }
+        Span {
+            set,
+            first: 2 * index as u32,
+        }
     }
 
     /// Records the copy of the time stamps, after the frame's last pass.
@@ -60,7 +67,9 @@ impl Timer {
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn read_ms(&self, gpu: &Gpu) -> Result<Vec<(&'static str, f64)>, RenderError> {
-        let Some((_, readback)) = &self.queries else { return Ok(Vec::new()) };
+        let Some((_, readback)) = &self.queries else {
+            return Ok(Vec::new());
+        };
         let mut ticks = [0u64; 2 * MAX_PASSES];
         readback.read(gpu, &mut ticks)?;
         let mut out: Vec<(&'static str, f64)> = Vec::new();

@@ -142,7 +142,10 @@ impl GpuObject {
     /// An object at a placement, lit by environment `slot`.
     #[must_use]
     pub fn new(world_from_object: Affine3A, slot: u32, is_virtual: u32) -> Self {
-        Self { world_from_object: Mat4::from(world_from_object), environment: [slot, is_virtual, 0, 0] }
+        Self {
+            world_from_object: Mat4::from(world_from_object),
+            environment: [slot, is_virtual, 0, 0],
+        }
     }
 }
 

@@ -36,7 +36,10 @@ pub fn equirectangular(radiance: &Cube<Vec3>) -> Vec<Vec3> {
         }
         sum / 9.0
     };
-    (0..HEIGHT).flat_map(|j| (0..WIDTH).map(move |i| (i, j))).map(|(i, j)| pixel(i, j)).collect()
+    (0..HEIGHT)
+        .flat_map(|j| (0..WIDTH).map(move |i| (i, j)))
+        .map(|(i, j)| pixel(i, j))
+        .collect()
 }
 
 /// Writes a cube as `file`.
@@ -46,8 +49,10 @@ pub fn equirectangular(radiance: &Cube<Vec3>) -> Vec<Vec3> {
 pub fn write_exr(file: &Path, radiance: &Cube<Vec3>) -> Result<(), RenderError> {
     let pixels = equirectangular(radiance);
     let pixel = |x: usize, y: usize| <(f32, f32, f32)>::from(pixels[y * WIDTH + x]);
-    exr::prelude::write_rgb_file(file, WIDTH, HEIGHT, pixel)
-        .map_err(|error| RenderError::Write { file: file.to_owned(), source: Box::new(error) })
+    exr::prelude::write_rgb_file(file, WIDTH, HEIGHT, pixel).map_err(|error| RenderError::Write {
+        file: file.to_owned(),
+        source: Box::new(error),
+    })
 }
 
 #[cfg(test)]
@@ -72,7 +77,12 @@ mod tests {
                 cube.texels_mut()[i] = Vec3::splat(100.0);
             }
         }
-        let energy: f32 = cube.texels().iter().enumerate().map(|(i, t)| t.x * cube.solid_angle(i)).sum();
+        let energy: f32 = cube
+            .texels()
+            .iter()
+            .enumerate()
+            .map(|(i, t)| t.x * cube.solid_angle(i))
+            .sum();
         let picture = equirectangular(&cube);
         let (mut sum, mut mean) = (0.0, Vec3::ZERO);
         for (k, pixel) in picture.iter().enumerate() {

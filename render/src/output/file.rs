@@ -54,7 +54,11 @@ impl FolderSink {
         }
         let file = folder.join("frames.jsonl");
         let frames = BufWriter::new(File::create(&file).map_err(|e| failed(&file, e))?);
-        Ok(Self { folder: folder.to_owned(), frames, environment })
+        Ok(Self {
+            folder: folder.to_owned(),
+            frames,
+            environment,
+        })
     }
 
     fn write_environments(&self, frame: &RenderedFrame, node: &RenderNode) -> Result<(), RenderError> {
@@ -73,7 +77,9 @@ impl FolderSink {
         let file = self.folder.join("frames.jsonl");
         let line = serde_json::to_string(&line_of(frame)).map_err(|e| failed(&file, e))?;
         // Flushed line by line: what was rendered is there even if the next frame never comes.
-        writeln!(self.frames, "{line}").and_then(|()| self.frames.flush()).map_err(|e| failed(&file, e))
+        writeln!(self.frames, "{line}")
+            .and_then(|()| self.frames.flush())
+            .map_err(|e| failed(&file, e))
     }
 }
 
@@ -92,11 +98,22 @@ impl Sink for FolderSink {
 
 fn line_of(frame: &RenderedFrame) -> FrameLine<'_> {
     let round = |ms: f64| Value::from((ms * 1e3).round() / 1e3);
-    let stages_ms = frame.stages_ms.iter().map(|(name, ms)| ((*name).to_owned(), round(*ms))).collect();
+    let stages_ms = frame
+        .stages_ms
+        .iter()
+        .map(|(name, ms)| ((*name).to_owned(), round(*ms)))
+        .collect();
     let (camera_from_world, reason, reprojection_error_px, markers) = match &frame.pose {
-        TrackedPose::Found { camera_from_world, reprojection_error_px, markers } => {
-            (Some(camera_from_world.to_rows4()), None, Some(*reprojection_error_px), *markers)
-        }
+        TrackedPose::Found {
+            camera_from_world,
+            reprojection_error_px,
+            markers,
+        } => (
+            Some(camera_from_world.to_rows4()),
+            None,
+            Some(*reprojection_error_px),
+            *markers,
+        ),
         TrackedPose::Lost { reason, markers } => (None, Some(reason.as_str()), None, *markers),
     };
     FrameLine {
@@ -115,5 +132,8 @@ fn make_folder(folder: &Path) -> Result<(), RenderError> {
 }
 
 fn failed(file: &Path, error: impl std::error::Error + Send + Sync + 'static) -> RenderError {
-    RenderError::Write { file: file.to_owned(), source: Box::new(error) }
+    RenderError::Write {
+        file: file.to_owned(),
+        source: Box::new(error),
+    }
 }

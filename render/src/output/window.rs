@@ -23,13 +23,21 @@ use crate::tracker::TrackedPose;
 pub fn run(app: &mut App, should_stop: &dyn Fn() -> bool) -> Result<(), RenderError> {
     let event_loop = EventLoop::new().map_err(|e| failed(&e))?;
     event_loop.set_control_flow(ControlFlow::Poll);
-    let mut viewer = Viewer { app, should_stop, shown: None, rate: Rate::default(), result: Ok(()) };
+    let mut viewer = Viewer {
+        app,
+        should_stop,
+        shown: None,
+        rate: Rate::default(),
+        result: Ok(()),
+    };
     event_loop.run_app(&mut viewer).map_err(|e| failed(&e))?;
     viewer.result
 }
 
 fn failed(error: &dyn std::error::Error) -> RenderError {
-    RenderError::Window { message: error.to_string() }
+    RenderError::Window {
+        message: error.to_string(),
+    }
 }
 
 struct Viewer<'a> {
@@ -54,7 +62,12 @@ impl ApplicationHandler for Viewer<'_> {
         match event {
             WindowEvent::CloseRequested => self.stop(event_loop, Ok(())),
             WindowEvent::KeyboardInput {
-                event: KeyEvent { logical_key: Key::Named(NamedKey::Escape), state: ElementState::Pressed, .. },
+                event:
+                    KeyEvent {
+                        logical_key: Key::Named(NamedKey::Escape),
+                        state: ElementState::Pressed,
+                        ..
+                    },
                 ..
             } => self.stop(event_loop, Ok(())),
             WindowEvent::Resized(size) => {
@@ -116,10 +129,22 @@ impl Rate {
             let share = if self.seconds_per_frame == 0.0 { 1.0 } else { 0.1 };
             self.seconds_per_frame += share * (seconds - self.seconds_per_frame);
         }
-        let fps = if self.seconds_per_frame > 0.0 { 1.0 / self.seconds_per_frame } else { 0.0 };
-        let latency_ms = frame.stages_ms.iter().find(|(name, _)| *name == "total").map_or(0.0, |(_, ms)| *ms);
+        let fps = if self.seconds_per_frame > 0.0 {
+            1.0 / self.seconds_per_frame
+        } else {
+            0.0
+        };
+        let latency_ms = frame
+            .stages_ms
+            .iter()
+            .find(|(name, _)| *name == "total")
+            .map_or(0.0, |(_, ms)| *ms);
         let markers = match &frame.pose {
-            TrackedPose::Found { markers, reprojection_error_px, .. } => {
+            TrackedPose::Found {
+                markers,
+                reprojection_error_px,
+                ..
+            } => {
                 format!("{markers} markers, {reprojection_error_px:.2} px")
             }
             TrackedPose::Lost { reason, .. } => format!("no pose: {reason}"),
@@ -145,11 +170,19 @@ impl Shown {
         let size = window.inner_size();
         let mut config = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
-            .ok_or_else(|| RenderError::Window { message: format!("`{}` cannot draw to this display", gpu.name) })?;
+            .ok_or_else(|| RenderError::Window {
+                message: format!("`{}` cannot draw to this display", gpu.name),
+            })?;
         // Codes are shown as they are: a format without its own encoding.
         config.format = config.format.remove_srgb_suffix();
         surface.configure(&gpu.device, &config);
-        Ok(Self { pipeline: pipeline(gpu, config.format), window, surface, config, picture: None })
+        Ok(Self {
+            pipeline: pipeline(gpu, config.format),
+            window,
+            surface,
+            config,
+            picture: None,
+        })
     }
 
     fn resize(&mut self, gpu: &Gpu, size_px: [u32; 2]) {
@@ -164,7 +197,9 @@ impl Shown {
         let (texture, bindings) = self.picture.get_or_insert_with(|| {
             let [width, height] = frame.size_px;
             // The window takes the picture's size; a refusal leaves the picture scaled.
-            let _ = self.window.request_inner_size(winit::dpi::PhysicalSize::new(width, height));
+            let _ = self
+                .window
+                .request_inner_size(winit::dpi::PhysicalSize::new(width, height));
             picture(gpu, &self.pipeline, frame.size_px)
         });
         upload(gpu, texture, frame);
@@ -176,11 +211,15 @@ impl Shown {
                 return Ok(());
             }
             Current::Lost | Current::Validation => {
-                return Err(RenderError::Window { message: "the window's surface was lost".into() });
+                return Err(RenderError::Window {
+                    message: "the window's surface was lost".into(),
+                });
             }
         };
         let view = target.texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("present") });
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("present") });
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("present"),
@@ -228,13 +267,20 @@ fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
 }
 
 fn picture(gpu: &Gpu, pipeline: &wgpu::RenderPipeline, size_px: [u32; 2]) -> (wgpu::Texture, wgpu::BindGroup) {
-    let texture = gpu.texture("present: picture", TextureShape::plain(size_px), wgpu::TextureFormat::Rgba8Unorm);
+    let texture = gpu.texture(
+        "present: picture",
+        TextureShape::plain(size_px),
+        wgpu::TextureFormat::Rgba8Unorm,
+    );
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
     let sampler = gpu.linear_sampler();
     let bindings = gpu.bind(
         "present",
         &pipeline.get_bind_group_layout(0),
-        &[wgpu::BindingResource::TextureView(&view), wgpu::BindingResource::Sampler(&sampler)],
+        &[
+            wgpu::BindingResource::TextureView(&view),
+            wgpu::BindingResource::Sampler(&sampler),
+        ],
     );
     (texture, bindings)
 }
@@ -243,7 +289,11 @@ fn upload(gpu: &Gpu, texture: &wgpu::Texture, frame: &RenderedFrame) {
     gpu.queue.write_texture(
         texture.as_image_copy(),
         &frame.rgba,
-        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * frame.size_px[0]), rows_per_image: None },
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(4 * frame.size_px[0]),
+            rows_per_image: None,
+        },
         texture.size(),
     );
 }

@@ -23,24 +23,30 @@ impl CameraDepth {
     /// A pass for pictures of `size_px`, with the camera in the uniform buffer `camera`, and `samples` per pixel in the
     /// second target.
     #[must_use]
-    pub fn new(
-        gpu: &Gpu,
-        camera: &wgpu::Buffer,
-        scene: &SceneBuffers,
-        (size_px, samples): ([u32; 2], u32),
-    ) -> Self {
+    pub fn new(gpu: &Gpu, camera: &wgpu::Buffer, scene: &SceneBuffers, (size_px, samples): ([u32; 2], u32)) -> Self {
         let targets = [1, samples].map(|samples| {
-            let state =
-                RasterState { targets: &[], samples, bias: wgpu::DepthBiasState::default(), cull: None };
+            let state = RasterState {
+                targets: &[],
+                samples,
+                bias: wgpu::DepthBiasState::default(),
+                cull: None,
+            };
             let pipeline = gpu.render_pipeline("camera_depth", &state);
             let bindings = gpu.bind(
                 "camera_depth",
                 &pipeline.get_bind_group_layout(0),
                 &[camera.as_entire_binding(), scene.objects.as_entire_binding()],
             );
-            let shape = TextureShape { samples, ..TextureShape::plain(size_px) };
+            let shape = TextureShape {
+                samples,
+                ..TextureShape::plain(size_px)
+            };
             let texture = gpu.texture("camera_depth: depth", shape, DEPTH_FORMAT);
-            Target { pipeline, bindings, view: texture.create_view(&wgpu::TextureViewDescriptor::default()) }
+            Target {
+                pipeline,
+                bindings,
+                view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            }
         });
         Self { targets }
     }
@@ -65,7 +71,10 @@ impl CameraDepth {
                 label: Some("camera_depth"),
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &target.view,
-                    depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(1.0), store: wgpu::StoreOp::Store }),
+                    depth_ops: Some(wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(1.0),
+                        store: wgpu::StoreOp::Store,
+                    }),
                     stencil_ops: None,
                 }),
                 timestamp_writes: span.render(Ends::of(index, self.targets.len())),

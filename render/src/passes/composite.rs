@@ -29,7 +29,11 @@ impl Composite {
         size_px: [u32; 2],
     ) -> Self {
         let pipeline = gpu.compute_pipeline("composite");
-        let out = Readback::new(gpu, "composite: codes", 4 * u64::from(size_px[0]) * u64::from(size_px[1]));
+        let out = Readback::new(
+            gpu,
+            "composite: codes",
+            4 * u64::from(size_px[0]) * u64::from(size_px[1]),
+        );
         let bindings = gpu.bind(
             "composite",
             &pipeline.get_bind_group_layout(0),
@@ -42,7 +46,12 @@ impl Composite {
                 out.buffer().as_entire_binding(),
             ],
         );
-        Self { pipeline, bindings, out, size_px }
+        Self {
+            pipeline,
+            bindings,
+            out,
+            size_px,
+        }
     }
 
     /// Mixes, and copies the result to memory.

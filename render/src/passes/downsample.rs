@@ -27,7 +27,10 @@ impl Downsample {
                 let group = gpu.bind(
                     "downsample",
                     &pipeline.get_bind_group_layout(0),
-                    &[wgpu::BindingResource::TextureView(&source), wgpu::BindingResource::TextureView(&out)],
+                    &[
+                        wgpu::BindingResource::TextureView(&source),
+                        wgpu::BindingResource::TextureView(&out),
+                    ],
                 );
                 bindings.push((mip, group));
             }

@@ -31,8 +31,9 @@ impl PrefilterSpecular {
     #[must_use]
     pub fn new(gpu: &Gpu, environments: &Environments, sampler: &wgpu::Sampler) -> Self {
         let pipeline = gpu.compute_pipeline("prefilter_specular");
-        let glossy: Vec<u32> =
-            (0..environments.slots.len() as u32).filter(|&i| environments.slots[i as usize].is_glossy).collect();
+        let glossy: Vec<u32> = (0..environments.slots.len() as u32)
+            .filter(|&i| environments.slots[i as usize].is_glossy)
+            .collect();
         let mut bindings = Vec::new();
         for &slot in &glossy {
             for mip in 1..ENVIRONMENT_MIPS {
@@ -53,7 +54,11 @@ impl PrefilterSpecular {
                 bindings.push((mip, group));
             }
         }
-        Self { pipeline, bindings, glossy }
+        Self {
+            pipeline,
+            bindings,
+            glossy,
+        }
     }
 
     /// Filters every environment that something glossy stands in; the first mip is the environment itself.
@@ -65,7 +70,11 @@ impl PrefilterSpecular {
             let face = |texture| wgpu::TexelCopyTextureInfo {
                 texture,
                 mip_level: 0,
-                origin: wgpu::Origin3d { x: 0, y: 0, z: FACES as u32 * slot },
+                origin: wgpu::Origin3d {
+                    x: 0,
+                    y: 0,
+                    z: FACES as u32 * slot,
+                },
                 aspect: wgpu::TextureAspect::All,
             };
             let extent = wgpu::Extent3d {

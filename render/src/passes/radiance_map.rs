@@ -70,8 +70,9 @@ impl RadianceMap {
                 self.out.buffer().as_entire_binding(),
             ],
         );
-        let mut encoder =
-            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("radiance_map") });
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
+            label: Some("radiance_map"),
+        });
         {
             let span = timer.span("radiance_map");
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -98,7 +99,9 @@ pub fn gpu_probe(optics: &ProbeOptics, camera_m: Vec3, config: &ProbeConfig, roo
         ProbeOptics::Fisheye { .. } => (0.0, Vec3::ONE),
     };
     let position_m = optics.position_m();
-    let camera_angle = (config.camera_radius_m / camera_m.distance(position_m).max(1e-3)).min(1.0).asin();
+    let camera_angle = (config.camera_radius_m / camera_m.distance(position_m).max(1e-3))
+        .min(1.0)
+        .asin();
     GpuProbe {
         position_m: position_m.extend(radius_m),
         reflectance: reflectance.extend(room_m),

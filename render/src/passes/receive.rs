@@ -27,7 +27,11 @@ impl Receive {
         let pipeline = gpu.render_pipeline("receive", &state);
         let bindings = gpu.bind("receive", &pipeline.get_bind_group_layout(0), &direct.resources(inputs));
         let target = gpu.texture("receive: ratio", TextureShape::plain(size_px), RADIANCE_FORMAT);
-        Self { pipeline, bindings, target: target.create_view(&wgpu::TextureViewDescriptor::default()) }
+        Self {
+            pipeline,
+            bindings,
+            target: target.create_view(&wgpu::TextureViewDescriptor::default()),
+        }
     }
 
     /// Ratio on phantoms, alpha 1 where there is one.
@@ -58,7 +62,10 @@ impl Receive {
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: depth,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Load,
+                    store: wgpu::StoreOp::Store,
+                }),
                 stencil_ops: None,
             }),
             timestamp_writes: span.render(Ends::Both),

@@ -52,11 +52,19 @@ impl Shade {
         ]);
         let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
         let target = |samples| {
-            let shape = TextureShape { samples, ..TextureShape::plain(size_px) };
+            let shape = TextureShape {
+                samples,
+                ..TextureShape::plain(size_px)
+            };
             let texture = gpu.texture("shade: radiance", shape, RADIANCE_FORMAT);
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
-        Self { samples: target(SAMPLES), resolved: target(1), pipeline, bindings }
+        Self {
+            samples: target(SAMPLES),
+            resolved: target(1),
+            pipeline,
+            bindings,
+        }
     }
 
     /// Radiance of virtual objects times their coverage, alpha the coverage.
@@ -87,7 +95,10 @@ impl Shade {
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: depth,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Discard }),
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Load,
+                    store: wgpu::StoreOp::Discard,
+                }),
                 stencil_ops: None,
             }),
             timestamp_writes: span.render(Ends::Both),

@@ -55,10 +55,16 @@ impl ShadowMapPass {
         let state = RasterState {
             targets: &[],
             samples: 1,
-            bias: wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 },
+            bias: wgpu::DepthBiasState {
+                constant: 2,
+                slope_scale: 2.0,
+                clamp: 0.0,
+            },
             cull: None,
         };
-        Self { pipeline: gpu.render_pipeline("shadow_map", &state) }
+        Self {
+            pipeline: gpu.render_pipeline("shadow_map", &state),
+        }
     }
 
     /// Empty maps of `size` × `size` texels for `n_lights` lights.
@@ -78,7 +84,12 @@ impl ShadowMapPass {
                 array_layer_count: Some(1),
                 ..wgpu::TextureViewDescriptor::default()
             });
-            Layer { view, aim, bindings, drawn: None }
+            Layer {
+                view,
+                aim,
+                bindings,
+                drawn: None,
+            }
         };
         ShadowMaps {
             label,
@@ -117,7 +128,10 @@ impl ShadowMapPass {
                 label: Some(maps.label),
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view: &layer.view,
-                    depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(1.0), store: wgpu::StoreOp::Store }),
+                    depth_ops: Some(wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(1.0),
+                        store: wgpu::StoreOp::Store,
+                    }),
                     stencil_ops: None,
                 }),
                 timestamp_writes: span.render(Ends::of(position, changed.len())),
@@ -175,7 +189,11 @@ impl ShadowView {
     pub fn project(&self, point_m: Vec3) -> Vec3 {
         let [x, y, z] = self.axes.map(|axis| axis.dot(point_m - self.position_m));
         let [near, far] = self.depth_m;
-        Vec3::new(x / (self.tangent * z), y / (self.tangent * z), far * (z - near) / ((far - near) * z))
+        Vec3::new(
+            x / (self.tangent * z),
+            y / (self.tangent * z),
+            far * (z - near) / ((far - near) * z),
+        )
     }
 }
 
@@ -197,7 +215,10 @@ pub fn enclosing(spheres: &[Sphere]) -> Option<Sphere> {
     let low = spheres.iter().map(|s| s.center_m - s.radius_m).reduce(Vec3::min)?;
     let high = spheres.iter().map(|s| s.center_m + s.radius_m).reduce(Vec3::max)?;
     let center_m = 0.5 * (low + high);
-    let radius_m = spheres.iter().map(|s| s.center_m.distance(center_m) + s.radius_m).fold(0.0, f32::max);
+    let radius_m = spheres
+        .iter()
+        .map(|s| s.center_m.distance(center_m) + s.radius_m)
+        .fold(0.0, f32::max);
     Some(Sphere { center_m, radius_m })
 }
 
@@ -233,7 +254,10 @@ mod tests {
 
     #[test]
     fn nearer_is_smaller_in_depth() {
-        let sphere = Sphere { center_m: Vec3::ZERO, radius_m: 0.3 };
+        let sphere = Sphere {
+            center_m: Vec3::ZERO,
+            radius_m: 0.3,
+        };
         let view = ShadowView::new(&aim(Vec3::Z, sphere, sphere));
         assert!(view.project(Vec3::new(0.0, 0.0, 0.1)).z < view.project(Vec3::ZERO).z);
     }
@@ -241,8 +265,14 @@ mod tests {
     #[test]
     fn an_enclosing_sphere_holds_all() {
         let spheres = [
-            Sphere { center_m: Vec3::X, radius_m: 0.1 },
-            Sphere { center_m: Vec3::NEG_X, radius_m: 0.3 },
+            Sphere {
+                center_m: Vec3::X,
+                radius_m: 0.1,
+            },
+            Sphere {
+                center_m: Vec3::NEG_X,
+                radius_m: 0.3,
+            },
         ];
         let all = enclosing(&spheres).unwrap();
         for s in spheres {

@@ -21,7 +21,10 @@ impl<T: Copy> Cube<T> {
     /// A cube whose every texel is `value`.
     #[must_use]
     pub fn filled(size: u32, value: T) -> Self {
-        Self { size, texels: vec![value; FACES * (size * size) as usize] }
+        Self {
+            size,
+            texels: vec![value; FACES * (size * size) as usize],
+        }
     }
 
     /// A cube from its texels; `None` unless there are exactly `6 * size * size`.
@@ -85,7 +88,10 @@ impl<T: Copy> Cube<T> {
     /// A cube of the same size with `f` applied to every texel.
     #[must_use]
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Cube<U> {
-        Cube { size: self.size, texels: self.texels.iter().map(f).collect() }
+        Cube {
+            size: self.size,
+            texels: self.texels.iter().map(f).collect(),
+        }
     }
 }
 
@@ -125,7 +131,9 @@ impl<T: Copy + Default + Add<Output = T> + Mul<f32, Output = T>> Cube<T> {
         for face in 0..FACES as u32 {
             for y in 0..size {
                 for x in 0..size {
-                    let at = |dx: u32, dy: u32| self.texels[((face * self.size + 2 * y + dy) * self.size + 2 * x + dx) as usize];
+                    let at = |dx: u32, dy: u32| {
+                        self.texels[((face * self.size + 2 * y + dy) * self.size + 2 * x + dx) as usize]
+                    };
                     out.texels[((face * size + y) * size + x) as usize] =
                         (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) * 0.25;
                 }
@@ -151,8 +159,8 @@ pub fn texel_solid_angle(size: u32, index: usize) -> f32 {
     let half = 1.0 / f64::from(size);
     let (u, v) = (f64::from(u), f64::from(v));
     let corner = |u: f64, v: f64| (u * v / (1.0 + u * u + v * v).sqrt()).atan();
-    (corner(u + half, v + half) - corner(u - half, v + half) - corner(u + half, v - half)
-        + corner(u - half, v - half)) as f32
+    (corner(u + half, v + half) - corner(u - half, v + half) - corner(u + half, v - half) + corner(u - half, v - half))
+        as f32
 }
 
 /// Face and coordinates in -1 ..= 1 of the centre of texel `index`.
@@ -169,9 +177,17 @@ pub fn face_of(direction: Vec3) -> (usize, f32, f32) {
     let a = direction.abs();
     let d = direction;
     if a.x >= a.y && a.x >= a.z {
-        if d.x > 0.0 { (0, -d.z / a.x, -d.y / a.x) } else { (1, d.z / a.x, -d.y / a.x) }
+        if d.x > 0.0 {
+            (0, -d.z / a.x, -d.y / a.x)
+        } else {
+            (1, d.z / a.x, -d.y / a.x)
+        }
     } else if a.y >= a.z {
-        if d.y > 0.0 { (2, d.x / a.y, d.z / a.y) } else { (3, d.x / a.y, -d.z / a.y) }
+        if d.y > 0.0 {
+            (2, d.x / a.y, d.z / a.y)
+        } else {
+            (3, d.x / a.y, -d.z / a.y)
+        }
     } else if d.z > 0.0 {
         (4, d.x / a.z, -d.y / a.z)
     } else {
@@ -200,7 +216,9 @@ mod tests {
     #[test]
     fn solid_angles_sum_to_the_sphere() {
         for size in [1, 2, 16, 64] {
-            let sum: f64 = (0..FACES * (size * size) as usize).map(|i| f64::from(texel_solid_angle(size, i))).sum();
+            let sum: f64 = (0..FACES * (size * size) as usize)
+                .map(|i| f64::from(texel_solid_angle(size, i)))
+                .sum();
             assert!((sum - 4.0 * std::f64::consts::PI).abs() < 1e-4, "{size}: {sum}");
         }
     }

@@ -19,12 +19,20 @@ pub fn fill_unknown(known: &Cube<Vec4>) -> Cube<Vec3> {
     // The coarsest level: whatever is known anywhere stands in for faces on which nothing is.
     let coarsest = pyramid.pop().unwrap_or_else(|| Cube::filled(1, Vec4::ZERO));
     let total: Vec4 = coarsest.texels().iter().copied().sum();
-    let mean = if total.w > 0.0 { total.truncate() / total.w } else { Vec3::ZERO };
+    let mean = if total.w > 0.0 {
+        total.truncate() / total.w
+    } else {
+        Vec3::ZERO
+    };
     let mut filled = coarsest.map(|texel| over(*texel, mean));
     for level in pyramid.iter().rev() {
         let mut finer = Cube::filled(level.size(), Vec3::ZERO);
         for (index, texel) in level.texels().iter().enumerate() {
-            let behind = if texel.w < 1.0 { filled.bilinear(level.direction(index)) } else { Vec3::ZERO };
+            let behind = if texel.w < 1.0 {
+                filled.bilinear(level.direction(index))
+            } else {
+                Vec3::ZERO
+            };
             finer.texels_mut()[index] = over(*texel, behind);
         }
         filled = finer;
@@ -51,7 +59,11 @@ mod tests {
         for i in 0..cube.texels().len() {
             let d = cube.direction(i);
             if d.z > 0.0 {
-                cube.texels_mut()[i] = if d.x > 0.0 { Vec4::new(2.0, 2.0, 2.0, 1.0) } else { Vec4::ONE };
+                cube.texels_mut()[i] = if d.x > 0.0 {
+                    Vec4::new(2.0, 2.0, 2.0, 1.0)
+                } else {
+                    Vec4::ONE
+                };
             }
         }
         let filled = fill_unknown(&cube);
@@ -64,6 +76,11 @@ mod tests {
 
     #[test]
     fn nothing_known_is_black() {
-        assert!(fill_unknown(&Cube::filled(8, Vec4::ZERO)).texels().iter().all(|t| *t == Vec3::ZERO));
+        assert!(
+            fill_unknown(&Cube::filled(8, Vec4::ZERO))
+                .texels()
+                .iter()
+                .all(|t| *t == Vec3::ZERO)
+        );
     }
 }

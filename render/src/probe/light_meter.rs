@@ -5,7 +5,8 @@
 //! its own place and tilt. For each reading the part of E that comes from unclipped directions is gathered by casting
 //! rays through phantoms into the radiance cube; what is missing belongs to the clipped regions, each weighted by its
 //! cosine, its distance and what phantoms leave of it. Unknown radiances (not negative, one per region and channel) follow
-//! by least squares with Huber weights; the room's distance is the one of a few candidates that explains the differences
+//! by least squares with Huber weights. Where several regions would explain the readings alike, those lose that fade into
+//! their surroundings: a bright ceiling clips gently, a lamp has an edge. The room's distance is the one of a few candidates that explains the differences
 //! between the readings best, with a weak preference for the configured one.
 
 use std::f32::consts::PI;
@@ -16,7 +17,7 @@ use mirrorball_calib::rig::{Camera, Marker, Rig};
 use rayon::prelude::*;
 
 use super::cube::Cube;
-use super::radiance::Picture;
+use super::radiance::{Picture, luminance};
 use super::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
 
@@ -24,6 +25,10 @@ use crate::scene::occluders::Occluders;
 const RAYS: usize = 256;
 /// Most texels of a region that stand for it.
 const REGION_SAMPLES: usize = 48;
+/// Half width from which on a region's light may rise towards a side, radians.
+const RAMP_RAD: f32 = 0.15;
+/// Standard deviation of such a rise, and of the even light then, relative to the region's even light.
+const RAMP_SIGMA: f32 = 0.5;
 /// Relative standard deviation expected of a reading: paper, noise, gathering.
 const READING_SIGMA: f32 = 0.03;
 /// Regions beyond this number, by size, are left as the camera saw them.
@@ -61,13 +66,16 @@ pub struct ClippedRegion {
     pub texels: Vec<usize>,
     /// Channels that clip anywhere in it.
     pub channels: [bool; 3],
+    /// Cost of a unit of missing radiance, in squared standard deviations: 0 for a region with an edge.
+    pub penalty: f32,
 }
 
 /// What the papers say about the light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeterFit {
-    /// Radiance to be added to each clipped region, in the order given; zero where a channel is not clipped.
-    pub missing_radiance: Vec<Vec3>,
+    /// Radiance to be added to texels of the clipped regions, pattern by pattern: texels with their brightness, and the
+    /// radiance of brightness 1; zero where a channel is not clipped.
+    pub missing: Vec<(Vec<(usize, f32)>, Vec3)>,
     /// Distance of the room from the probe, metres.
     pub room_m: f32,
     /// Median of |measured - explained| / measured over readings and channels.
@@ -94,7 +102,8 @@ impl KnownLight<'_> {
         if hit_m < NOTHING_M {
             return self.radiance.nearest(from_probe + direction * hit_m);
         }
-        self.far.nearest(from_probe + direction * to_sphere(from_probe, direction, room_m))
+        self.far
+            .nearest(from_probe + direction * to_sphere(from_probe, direction, room_m))
     }
 }
 
@@ -141,7 +150,9 @@ impl LightMeter {
         const MIN_RIM_PX: f64 = 3.0;
         let eye = camera_from_world.inverse().translation.as_vec3();
         let pixel_of = |point: Vec3| {
-            camera.intrinsics.project(camera_from_world.transform_point(DVec3::from(point)))
+            camera
+                .intrinsics
+                .project(camera_from_world.transform_point(DVec3::from(point)))
         };
         let read_one = |paper: &Paper| -> Option<Vec3> {
             let across = paper.normal.cross(paper.along);
@@ -164,7 +175,12 @@ impl LightMeter {
         self.papers
             .iter()
             .enumerate()
-            .filter_map(|(paper, place)| Some(Reading { paper, irradiance: read_one(place)? }))
+            .filter_map(|(paper, place)| {
+                Some(Reading {
+                    paper,
+                    irradiance: read_one(place)?,
+                })
+            })
             .filter(|reading| reading.irradiance.min_element() > 0.0)
             .collect()
     }
@@ -178,18 +194,32 @@ impl LightMeter {
         regions: &[ClippedRegion],
         occluders: &Occluders,
     ) -> Question<'a> {
-        let shapes: Vec<Shape> =
-            regions.iter().take(MAX_REGIONS).map(|region| Shape::new(region, light.far)).collect();
+        let shapes: Vec<Shape> = regions
+            .iter()
+            .take(MAX_REGIONS)
+            .enumerate()
+            .flat_map(|(index, region)| shapes_of(index, region, light.far))
+            .collect();
         let visible = readings
             .par_iter()
             .map(|reading| {
                 let paper = &self.papers[reading.paper];
                 let from = paper.position_m + paper.normal * 1e-3;
                 let sees = |&(d, _): &(Vec3, f32)| !occluders.blocks(from, light.probe_m + d * SHADOW_DISTANCE_M);
-                shapes.iter().map(|shape| shape.samples.iter().map(sees).collect()).collect()
+                shapes
+                    .iter()
+                    .map(|shape| shape.samples.iter().map(sees).collect())
+                    .collect()
             })
             .collect();
-        Question { meter: self, readings, light, n_regions: regions.len(), shapes, visible }
+        Question {
+            meter: self,
+            readings,
+            light,
+            n_regions: regions.len().min(MAX_REGIONS),
+            shapes,
+            visible,
+        }
     }
 }
 
@@ -214,7 +244,9 @@ impl Question<'_> {
         if self.readings.is_empty() {
             return room_m;
         }
-        let cost = |factor: f32| solve(&self.rows(room_m * factor), &self.shapes).0 + DISTANCE_PRIOR * factor.log2().powi(2);
+        let cost = |factor: f32| {
+            solve(&self.rows(room_m * factor), &self.shapes, self.n_regions).0 + DISTANCE_PRIOR * factor.log2().powi(2)
+        };
         DISTANCE_FACTORS
             .into_iter()
             .map(|factor| (factor, cost(factor)))
@@ -225,20 +257,33 @@ impl Question<'_> {
     /// The radiance that the regions lack when the room is at `room_m`; none without readings.
     #[must_use]
     pub fn explain(&self, room_m: f32) -> MeterFit {
-        let (_, mut fit) = solve(&self.rows(room_m), &self.shapes);
-        fit.room_m = room_m;
-        fit.missing_radiance.resize(self.n_regions, Vec3::ZERO);
-        fit
+        let (_, missing, residual) = solve(&self.rows(room_m), &self.shapes, self.n_regions);
+        let texels = self.shapes.iter().zip(&missing);
+        MeterFit {
+            missing: texels
+                .map(|(shape, &radiance)| (shape.texels.clone(), radiance))
+                .collect(),
+            room_m,
+            residual,
+            readings: self.readings.len(),
+        }
     }
 
     fn rows(&self, room_m: f32) -> Vec<Row> {
-        self.readings.par_iter().zip(&self.visible).map(|(reading, visible)| self.row(reading, visible, room_m)).collect()
+        self.readings
+            .par_iter()
+            .zip(&self.visible)
+            .map(|(reading, visible)| self.row(reading, visible, room_m))
+            .collect()
     }
 
     fn row(&self, reading: &Reading, visible: &[Vec<bool>], room_m: f32) -> Row {
         let paper = &self.meter.papers[reading.paper];
-        let gathered: Vec3 =
-            paper.rays.iter().map(|&(d, hit_m)| self.light.arriving(paper.position_m, d, hit_m, room_m)).sum();
+        let gathered: Vec3 = paper
+            .rays
+            .iter()
+            .map(|&(d, hit_m)| self.light.arriving(paper.position_m, d, hit_m, room_m))
+            .sum();
         let from_sample = |d: Vec3, area_sr: f32| {
             let to_light = self.light.probe_m + d * room_m - paper.position_m;
             let distance = to_light.length();
@@ -253,7 +298,11 @@ impl Question<'_> {
                 seen.map(|((d, area_sr), _)| from_sample(*d, *area_sr)).sum()
             })
             .collect();
-        Row { measured: reading.irradiance, known: gathered * (PI / RAYS as f32), response }
+        Row {
+            measured: reading.irradiance,
+            known: gathered * (PI / RAYS as f32),
+            response,
+        }
     }
 }
 
@@ -265,7 +314,12 @@ fn papers_of(marker: &Marker) -> Vec<Paper> {
     let rim_m = side / 8.0;
     let outwards = 0.5 * side + 0.5 * rim_m;
     let mut papers = Vec::with_capacity(12);
-    for (out, along) in [(Vec3::X, Vec3::Y), (Vec3::NEG_X, Vec3::Y), (Vec3::Y, Vec3::X), (Vec3::NEG_Y, Vec3::X)] {
+    for (out, along) in [
+        (Vec3::X, Vec3::Y),
+        (Vec3::NEG_X, Vec3::Y),
+        (Vec3::Y, Vec3::X),
+        (Vec3::NEG_Y, Vec3::X),
+    ] {
         for place in [-0.35, 0.0, 0.35] {
             papers.push(Paper {
                 position_m: pose.transform_point3(out * outwards + along * (place * side)),
@@ -292,23 +346,83 @@ fn cosine_directions(normal: Vec3) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// Some texels of a region, standing for all of them.
+/// A pattern of light over a region: one unknown per channel.
 struct Shape {
-    /// Directions from the probe and the solid angle each stands for.
+    /// The region that it belongs to.
+    region: usize,
+    /// Whether it is the region's own even pattern, or a ramp added to it.
+    is_even: bool,
+    /// All its texels with their brightness in the pattern.
+    texels: Vec<(usize, f32)>,
+    /// Directions from the probe of some of them; the solid angle each stands for, times its brightness.
     samples: Vec<(Vec3, f32)>,
     channels: [bool; 3],
+    penalty: f32,
+}
+
+/// What is expected of a large clipped region, up to scale: a window shows the CIE standard overcast sky, 1 + 2 sin of the
+/// elevation (Moon and Spencer 1942); higher than 45° it is a ceiling or a roof light, as bright everywhere.
+fn overcast_sky(direction: Vec3) -> f32 {
+    1.0 + 2.0 * direction.z.clamp(0.0, std::f32::consts::FRAC_1_SQRT_2)
+}
+
+/// Patterns that a region's light may be made of: the sky's, and for wide regions ramps towards four sides.
+fn shapes_of(index: usize, region: &ClippedRegion, cube: &Cube<Vec3>) -> Vec<Shape> {
+    let shape = |is_even: bool, brightness: &dyn Fn(Vec3) -> f32| {
+        let texels: Vec<(usize, f32)> = region
+            .texels
+            .iter()
+            .map(|&i| (i, brightness(cube.direction(i))))
+            .collect();
+        Shape::new((index, is_even), texels, region, cube)
+    };
+    let mut shapes = vec![shape(true, &overcast_sky)];
+    let middle = region
+        .texels
+        .iter()
+        .map(|&i| cube.direction(i))
+        .sum::<Vec3>()
+        .normalize_or(Vec3::Z);
+    let first = middle.any_orthonormal_vector();
+    for side in [first, -first, middle.cross(first), middle.cross(-first)] {
+        let reach = |&i: &usize| cube.direction(i).dot(side).abs();
+        let widest = region.texels.iter().map(reach).fold(0.0, f32::max);
+        if widest > RAMP_RAD {
+            shapes.push(shape(false, &|direction| {
+                overcast_sky(direction) * (1.0 + direction.dot(side) / widest)
+            }));
+        }
+    }
+    shapes
 }
 
 impl Shape {
-    fn new(region: &ClippedRegion, cube: &Cube<Vec3>) -> Self {
-        let stride = region.texels.len().div_ceil(REGION_SAMPLES).max(1);
-        let total: f32 = region.texels.iter().map(|&i| cube.solid_angle(i)).sum();
-        let picked: Vec<usize> = region.texels.iter().copied().step_by(stride).collect();
-        let part: f32 = picked.iter().map(|&i| cube.solid_angle(i)).sum();
-        let scale = total / part.max(f32::MIN_POSITIVE);
+    fn new(
+        (region_index, is_even): (usize, bool),
+        mut texels: Vec<(usize, f32)>,
+        region: &ClippedRegion,
+        cube: &Cube<Vec3>,
+    ) -> Self {
+        let area = |texels: &[(usize, f32)]| texels.iter().map(|&(i, _)| cube.solid_angle(i)).sum::<f32>();
+        let lit = |texels: &[(usize, f32)]| texels.iter().map(|&(i, b)| b * cube.solid_angle(i)).sum::<f32>();
+        // Mean brightness 1, so that the unknowns of a region mean the same.
+        let mean = lit(&texels) / area(&texels).max(f32::MIN_POSITIVE);
+        for (_, brightness) in &mut texels {
+            *brightness /= mean.max(f32::MIN_POSITIVE);
+        }
+        let stride = texels.len().div_ceil(REGION_SAMPLES).max(1);
+        let picked: Vec<(usize, f32)> = texels.iter().copied().step_by(stride).collect();
+        let scale = lit(&texels) / lit(&picked).max(f32::MIN_POSITIVE);
         Self {
-            samples: picked.iter().map(|&i| (cube.direction(i), cube.solid_angle(i) * scale)).collect(),
+            region: region_index,
+            is_even,
+            samples: picked
+                .iter()
+                .map(|&(i, b)| (cube.direction(i), b * cube.solid_angle(i) * scale))
+                .collect(),
+            texels,
             channels: region.channels,
+            penalty: region.penalty,
         }
     }
 }
@@ -320,53 +434,147 @@ struct Row {
     response: Vec<f32>,
 }
 
-/// Non-negative least squares with Huber weights, each channel by itself; returns the cost in squared deviations.
-fn solve(rows: &[Row], shapes: &[Shape]) -> (f32, MeterFit) {
+/// Solves for the missing radiance of every shape, each channel by itself: first the even pattern of each region, then
+/// ramps of about [`RAMP_SIGMA`] of it. Returns the cost in squared deviations, the radiances,
+/// and the median relative residual.
+fn solve(rows: &[Row], shapes: &[Shape], n_regions: usize) -> (f32, Vec<Vec3>, f32) {
     let mut missing = vec![Vec3::ZERO; shapes.len()];
     let mut cost = 0.0;
     let mut residuals = Vec::with_capacity(3 * rows.len());
     for channel in 0..3 {
-        let free: Vec<usize> = (0..shapes.len()).filter(|&k| shapes[k].channels[channel]).collect();
-        let mut weights = vec![1.0f32; rows.len()];
-        let mut unknown = vec![0.0f32; free.len()];
-        for _ in 0..4 {
-            descend(rows, &free, channel, &weights, &mut unknown);
-            for (row, weight) in rows.iter().zip(&mut weights) {
-                *weight = 1.0 / (deviation(row, &free, channel, &unknown).abs() / 2.0).max(1.0);
-            }
-        }
-        for row in rows {
-            let off = deviation(row, &free, channel, &unknown);
-            residuals.push(off.abs() * READING_SIGMA);
-            cost += if off.abs() < 2.0 { off * off } else { 4.0 * off.abs() - 4.0 };
-        }
-        for (&k, &value) in free.iter().zip(&unknown) {
-            missing[k][channel] = value;
+        let whole = Unknowns::of_regions(rows, shapes, n_regions, channel);
+        let regions = whole.solve(rows, channel);
+        let split = Unknowns::of_shapes(rows, shapes, &regions.values, channel);
+        let solution = split.solve(rows, channel);
+        cost += solution.cost;
+        residuals.extend(solution.deviations.iter().map(|off| off.abs() * READING_SIGMA));
+        for (radiance, value) in missing.iter_mut().zip(&solution.values) {
+            radiance[channel] = *value;
         }
     }
     residuals.sort_by(f32::total_cmp);
-    let residual = residuals.get(residuals.len() / 2).copied().unwrap_or(0.0);
-    (cost, MeterFit { missing_radiance: missing, room_m: 0.0, residual, readings: rows.len() })
+    (
+        cost,
+        missing,
+        residuals.get(residuals.len() / 2).copied().unwrap_or(0.0),
+    )
 }
 
-/// Difference between a reading and its explanation in standard deviations.
-fn deviation(row: &Row, free: &[usize], channel: usize, unknown: &[f32]) -> f32 {
-    let explained: f32 = free.iter().zip(unknown).map(|(&k, x)| row.response[k] * x).sum();
-    (row.measured[channel] - row.known[channel] - explained) / (READING_SIGMA * row.measured[channel])
+/// Unknown radiances of one channel and what is thought of them beforehand.
+struct Unknowns {
+    /// Per unknown: its effect on every reading, in standard deviations of the reading per unit of radiance.
+    slopes: Vec<Vec<f32>>,
+    /// Linear price per unit.
+    penalties: Vec<f32>,
+    /// Expected value and the inverse square of its standard deviation; 0 where nothing is expected.
+    priors: Vec<(f32, f32)>,
 }
 
-/// Coordinate descent on the weighted squares, every unknown kept at or above zero.
-fn descend(rows: &[Row], free: &[usize], channel: usize, weights: &[f32], unknown: &mut [f32]) {
-    for _ in 0..60 {
-        for (j, &k) in free.iter().enumerate() {
-            let (mut gradient, mut curvature) = (0.0, 0.0);
-            for (row, weight) in rows.iter().zip(weights) {
-                let slope = row.response[k] / (READING_SIGMA * row.measured[channel]);
-                gradient += weight * slope * deviation(row, free, channel, unknown);
-                curvature += weight * slope * slope;
+struct Solution {
+    values: Vec<f32>,
+    /// Reading minus explanation, in standard deviations.
+    deviations: Vec<f32>,
+    cost: f32,
+}
+
+impl Unknowns {
+    fn of_regions(rows: &[Row], shapes: &[Shape], n_regions: usize, channel: usize) -> Self {
+        let mut slopes = vec![vec![0.0; rows.len()]; n_regions];
+        let mut penalties = vec![0.0; n_regions];
+        for (k, shape) in shapes
+            .iter()
+            .enumerate()
+            .filter(|(_, shape)| shape.is_even && shape.channels[channel])
+        {
+            penalties[shape.region] = shape.penalty;
+            for (slope, row) in slopes[shape.region].iter_mut().zip(rows) {
+                *slope += row.response[k] / (READING_SIGMA * row.measured[channel]);
             }
-            if curvature > 0.0 {
-                unknown[j] = (unknown[j] + gradient / curvature).max(0.0);
+        }
+        Self {
+            slopes,
+            penalties,
+            priors: vec![(0.0, 0.0); n_regions],
+        }
+    }
+
+    fn of_shapes(rows: &[Row], shapes: &[Shape], regions: &[f32], channel: usize) -> Self {
+        let slope = |k: usize, shape: &Shape, row: &Row| {
+            if shape.channels[channel] {
+                row.response[k] / (READING_SIGMA * row.measured[channel])
+            } else {
+                0.0
+            }
+        };
+        Self {
+            slopes: shapes
+                .iter()
+                .enumerate()
+                .map(|(k, shape)| rows.iter().map(|row| slope(k, shape, row)).collect())
+                .collect(),
+            penalties: shapes.iter().map(|shape| shape.penalty).collect(),
+            priors: shapes
+                .iter()
+                .map(|shape| {
+                    let even = regions[shape.region];
+                    let expected = if shape.is_even { even } else { 0.0 };
+                    (expected, 1.0 / (RAMP_SIGMA * even).max(1e-6).powi(2))
+                })
+                .collect(),
+        }
+    }
+
+    /// Non-negative least squares with Huber weights, by coordinate descent.
+    fn solve(&self, rows: &[Row], channel: usize) -> Solution {
+        let n = self.slopes.len();
+        let mut values = vec![0.0f32; n];
+        let unexplained =
+            |row: &Row| (row.measured[channel] - row.known[channel]) / (READING_SIGMA * row.measured[channel]);
+        let mut deviations: Vec<f32> = rows.iter().map(unexplained).collect();
+        let mut weights = vec![1.0f32; rows.len()];
+        for _ in 0..4 {
+            for _ in 0..40 {
+                for k in 0..n {
+                    self.improve(k, &mut values[k], &mut deviations, &weights);
+                }
+            }
+            for (weight, off) in weights.iter_mut().zip(&deviations) {
+                *weight = 1.0 / (off.abs() / 2.0).max(1.0);
+            }
+        }
+        let huber = |off: &f32| {
+            if off.abs() < 2.0 {
+                off * off
+            } else {
+                4.0 * off.abs() - 4.0
+            }
+        };
+        let mut cost: f32 = deviations.iter().map(huber).sum();
+        for (value, (penalty, (expected, weight))) in values.iter().zip(self.penalties.iter().zip(&self.priors)) {
+            cost += penalty * value + weight * (value - expected).powi(2);
+        }
+        Solution {
+            values,
+            deviations,
+            cost,
+        }
+    }
+
+    /// Moves one unknown to its best value, at or above zero, the others held.
+    fn improve(&self, k: usize, value: &mut f32, deviations: &mut [f32], weights: &[f32]) {
+        let (expected, prior) = self.priors[k];
+        // Half the penalty, as the squares' own factor 2 is left out.
+        let mut gradient = prior * (expected - *value) - 0.5 * self.penalties[k];
+        let mut curvature = prior;
+        for ((slope, off), weight) in self.slopes[k].iter().zip(&*deviations).zip(weights) {
+            gradient += weight * slope * off;
+            curvature += weight * slope * slope;
+        }
+        if curvature > 0.0 {
+            let step = (*value + gradient / curvature).max(0.0) - *value;
+            *value += step;
+            for (off, slope) in deviations.iter_mut().zip(&self.slopes[k]) {
+                *off -= slope * step;
             }
         }
     }
@@ -378,7 +586,7 @@ fn descend(rows: &[Row], free: &[usize], channel: usize, weights: &[f32], unknow
 /// clips every pixel that it touches, so the region of the former is half a pixel too wide all round, and at the ball's
 /// rim half a pixel is degrees; the latter, where there are any, are the lamp.
 #[must_use]
-pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>) -> Vec<ClippedRegion> {
+pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) -> Vec<ClippedRegion> {
     let wanted = |i: usize| clipped.texels()[i] != 0 && near_m.texels()[i] >= NOTHING_M;
     let mut visited = vec![false; clipped.texels().len()];
     let mut regions = Vec::new();
@@ -399,12 +607,51 @@ pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>) -> Vec<ClippedReg
             }
         }
         let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
-        let core: Vec<usize> = texels.iter().copied().filter(|&i| clipped.texels()[i] >> 3 != 0).collect();
+        let core: Vec<usize> = texels
+            .iter()
+            .copied()
+            .filter(|&i| clipped.texels()[i] >> 3 != 0)
+            .collect();
         let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
-        regions.push(ClippedRegion { texels: if core.is_empty() { texels } else { core }, channels });
+        let penalty = penalty(&texels, far);
+        regions.push(ClippedRegion {
+            texels: if core.is_empty() { texels } else { core },
+            channels,
+            penalty,
+        });
     }
     regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
     regions
+}
+
+/// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
+/// almost as bright as the region, nothing where it is much darker.
+fn penalty(region: &[usize], far: &Cube<Vec3>) -> f32 {
+    /// Distance at which the surroundings are looked at: two pixels of a ball of 70 pixels, radians.
+    const RING_RAD: f32 = 0.1;
+    /// Price per multiple of the clipping level where there is no edge at all.
+    const PRICE: f32 = 40.0;
+    /// Brightness of the surroundings, relative to the region, from which on and up to which the price rises.
+    const EDGE: [f32; 2] = [0.35, 0.7];
+    let mean =
+        |texels: &[usize]| texels.iter().map(|&i| luminance(far.texels()[i])).sum::<f32>() / texels.len().max(1) as f32;
+    let steps = (RING_RAD * far.size() as f32 / (0.5 * PI)).ceil() as usize;
+    let mut seen: std::collections::HashSet<usize> = region.iter().copied().collect();
+    let mut front = region.to_vec();
+    for _ in 0..steps {
+        let grown: Vec<usize> = front
+            .iter()
+            .flat_map(|&i| far.neighbours(i))
+            .filter(|&i| seen.insert(i))
+            .collect();
+        front = grown;
+    }
+    let level = mean(region);
+    if front.is_empty() || level <= 0.0 {
+        return 0.0;
+    }
+    let smoothness = ((mean(&front) / level - EDGE[0]) / (EDGE[1] - EDGE[0])).clamp(0.0, 1.0);
+    PRICE * smoothness * smoothness / level
 }
 
 #[cfg(test)]
@@ -423,7 +670,7 @@ mod tests {
                 clipped.texels_mut()[i] = 6;
             }
         }
-        let regions = clipped_regions(&clipped, &Cube::filled(16, NOTHING_M));
+        let regions = clipped_regions(&clipped, &Cube::filled(16, NOTHING_M), &Cube::filled(16, Vec3::ONE));
         assert_eq!(regions.len(), 2);
         assert_eq!(regions[0].channels, [true, false, false]);
         assert_eq!(regions[1].channels, [false, true, true]);
@@ -450,7 +697,10 @@ mod tests {
             .map(|(paper, p)| {
                 let to_lamp = lamp_m - p.position_m;
                 let e = intensity * p.normal.dot(to_lamp).max(0.0) / to_lamp.length().powi(3) + PI * ambient;
-                Reading { paper, irradiance: Vec3::splat(e) }
+                Reading {
+                    paper,
+                    irradiance: Vec3::splat(e),
+                }
             })
             .collect();
         (LightMeter { papers }, readings)
@@ -462,18 +712,32 @@ mod tests {
         let direction = Vec3::new(-0.5, 0.4, 0.77).normalize();
         let (meter, readings) = readings_under_lamp(probe_m + direction * distance, 3.0, 0.3);
         let mut far = Cube::filled(64, Vec3::splat(0.3));
-        let texels: Vec<usize> =
-            (0..far.texels().len()).filter(|&i| far.direction(i).dot(direction) > 2f32.to_radians().cos()).collect();
+        let texels: Vec<usize> = (0..far.texels().len())
+            .filter(|&i| far.direction(i).dot(direction) > 2f32.to_radians().cos())
+            .collect();
         for &i in &texels {
             far.texels_mut()[i] = Vec3::ONE;
         }
         let area_sr: f32 = texels.iter().map(|&i| far.solid_angle(i)).sum();
-        let regions = [ClippedRegion { texels, channels: [true; 3] }];
-        let light = KnownLight { probe_m, far: &far, radiance: &far };
+        let regions = [ClippedRegion {
+            texels,
+            channels: [true; 3],
+            penalty: 0.0,
+        }];
+        let light = KnownLight {
+            probe_m,
+            far: &far,
+            radiance: &far,
+        };
         let nothing = Occluders::default();
         let question = meter.question(&readings, light, &regions, &nothing);
         let fit = question.explain(question.room_m(2.0));
-        let energy = (fit.missing_radiance[0].x + 1.0) * area_sr;
+        let missing: f32 = fit
+            .missing
+            .iter()
+            .flat_map(|(t, l)| t.iter().map(|&(i, b)| b * l.x * far.solid_angle(i)))
+            .sum();
+        let energy = missing + area_sr;
         let expected = 3.0 / (distance * distance);
         assert!((fit.room_m / distance - 1.0).abs() < 0.15, "{fit:?}");
         assert!((energy / expected - 1.0).abs() < 0.1, "{energy} {expected} {fit:?}");
@@ -483,11 +747,20 @@ mod tests {
     #[test]
     fn without_papers_nothing_is_missing() {
         let far = Cube::filled(16, Vec3::ONE);
-        let light = KnownLight { probe_m: Vec3::ZERO, far: &far, radiance: &far };
-        let regions = [ClippedRegion { texels: vec![0, 1], channels: [true; 3] }];
+        let light = KnownLight {
+            probe_m: Vec3::ZERO,
+            far: &far,
+            radiance: &far,
+        };
+        let regions = [ClippedRegion {
+            texels: vec![0, 1],
+            channels: [true; 3],
+            penalty: 0.0,
+        }];
         let (meter, nothing) = (LightMeter::default(), Occluders::default());
         let question = meter.question(&[], light, &regions, &nothing);
         let fit = question.explain(question.room_m(2.0));
-        assert_eq!((fit.missing_radiance, fit.room_m, fit.readings), (vec![Vec3::ZERO], 2.0, 0));
+        assert!(fit.missing.iter().all(|(_, radiance)| *radiance == Vec3::ZERO));
+        assert_eq!((fit.room_m, fit.readings), (2.0, 0));
     }
 }

@@ -42,15 +42,19 @@ impl MirrorBall {
         let forward = to_camera.normalize();
         let across = direction - forward * direction.dot(forward);
         let phi = f64::atan2(across.length(), direction.dot(forward));
-        let sideways = across.try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+        let sideways = across
+            .try_normalize()
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
         let theta = glint_angle(a, b, phi);
         if a * theta.cos() <= 1.0 {
             return None;
         }
         let normal = forward * theta.cos() + sideways * theta.sin();
         let incidence = f64::atan2(a * theta.sin(), a * theta.cos() - 1.0);
-        (incidence < std::f64::consts::FRAC_PI_2)
-            .then(|| Glint { point_m: self.center_m + normal * self.radius_m, view_cosine: incidence.cos() })
+        (incidence < std::f64::consts::FRAC_PI_2).then(|| Glint {
+            point_m: self.center_m + normal * self.radius_m,
+            view_cosine: incidence.cos(),
+        })
     }
 
     /// Direction (unit, world frame) that the ball shows to a camera at `camera_m` looking along the unit vector `ray`,
@@ -115,15 +119,24 @@ mod tests {
 
     #[test]
     fn a_light_behind_the_ball_is_hidden() {
-        let ball = MirrorBall { center_m: DVec3::ZERO, radius_m: 0.05 };
+        let ball = MirrorBall {
+            center_m: DVec3::ZERO,
+            radius_m: 0.05,
+        };
         let camera_m = DVec3::new(0.0, 0.0, 0.5);
         assert!(ball.glint(camera_m, DVec3::NEG_Z, 2.0).is_none());
-        assert!(ball.glint(camera_m, DVec3::Z, 2.0).is_some_and(|g| (g.view_cosine - 1.0).abs() < 1e-12));
+        assert!(
+            ball.glint(camera_m, DVec3::Z, 2.0)
+                .is_some_and(|g| (g.view_cosine - 1.0).abs() < 1e-12)
+        );
     }
 
     #[test]
     fn a_camera_inside_the_ball_sees_nothing() {
-        let ball = MirrorBall { center_m: DVec3::ZERO, radius_m: 0.05 };
+        let ball = MirrorBall {
+            center_m: DVec3::ZERO,
+            radius_m: 0.05,
+        };
         assert!(ball.glint(DVec3::new(0.0, 0.0, 0.01), DVec3::Z, 2.0).is_none());
     }
 }

@@ -51,14 +51,21 @@ impl ProbeOptics {
         if let Some(camera) = rig.probe_camera()
             && camera.role == Role::Fisheye
         {
-            let camera_from_world = camera
-                .camera_from_world
-                .ok_or(RenderError::NoProbe { message: "the fisheye camera has no `camera_from_world`" })?;
-            return Ok(Self::Fisheye { lens_m: camera_from_world.inverse().translation });
+            let camera_from_world = camera.camera_from_world.ok_or(RenderError::NoProbe {
+                message: "the fisheye camera has no `camera_from_world`",
+            })?;
+            return Ok(Self::Fisheye {
+                lens_m: camera_from_world.inverse().translation,
+            });
         }
-        let ball = rig.ball.as_ref().ok_or(RenderError::NoProbe { message: "there is neither a ball nor a fisheye" })?;
+        let ball = rig.ball.as_ref().ok_or(RenderError::NoProbe {
+            message: "there is neither a ball nor a fisheye",
+        })?;
         Ok(Self::MirrorBall {
-            ball: MirrorBall { center_m: ball.center_m, radius_m: ball.radius_m },
+            ball: MirrorBall {
+                center_m: ball.center_m,
+                radius_m: ball.radius_m,
+            },
             reflectance: DVec3::from_array(ball.reflectance).as_vec3(),
         })
     }
@@ -142,7 +149,13 @@ struct Room {
 impl LightProbe {
     /// A probe that has seen nothing yet, among phantoms; `interest` are the points that light is wanted for.
     #[must_use]
-    pub fn new(config: &RenderConfig, rig: &Rig, optics: ProbeOptics, occluders: &Occluders, interest: &[Vec3]) -> Self {
+    pub fn new(
+        config: &RenderConfig,
+        rig: &Rig,
+        optics: ProbeOptics,
+        occluders: &Occluders,
+        interest: &[Vec3],
+    ) -> Self {
         const OPEN_CUBE_SIZE: u32 = 32;
         let open = surroundings::open_directions(occluders, interest, OPEN_CUBE_SIZE);
         let size = config.probe.cube_size;
@@ -193,24 +206,42 @@ impl LightProbe {
         let (mut far, mut radiance) = self.filled();
         let clipped = Cube::from_texels(self.near_m.size(), self.memory.iter().map(|m| m.clipped).collect())
             .unwrap_or_else(|| self.near_m.map(|_| 0));
-        let regions = clipped_regions(&clipped, &self.near_m);
+        let regions = clipped_regions(&clipped, &self.near_m, &far);
         let readings = view.map_or_else(Vec::new, |view| {
-            self.meter.read(&view.picture, view.camera, &view.camera_from_world, occluders)
+            self.meter
+                .read(&view.picture, view.camera, &view.camera_from_world, occluders)
         });
-        let known = KnownLight { probe_m: self.optics.position_m(), far: &far, radiance: &radiance };
+        let known = KnownLight {
+            probe_m: self.optics.position_m(),
+            far: &far,
+            radiance: &radiance,
+        };
         let question = self.meter.question(&readings, known, &regions, occluders);
         if !readings.is_empty() {
             self.room.see(question.room_m(self.config.room_distance_m));
         }
         let meter = question.explain(self.room.used_m);
-        for (region, missing) in regions.iter().zip(&meter.missing_radiance) {
-            for &texel in &region.texels {
-                far.texels_mut()[texel] += *missing;
-                radiance.texels_mut()[texel] += *missing;
+        tracing::trace!(
+            readings = meter.readings,
+            residual = meter.residual,
+            room_m = meter.room_m,
+            "papers read"
+        );
+        for (texels, missing) in &meter.missing {
+            tracing::trace!(texels = texels.len(), direction = %far.direction(texels[0].0), %missing, "clipped region");
+            for &(texel, brightness) in texels {
+                far.texels_mut()[texel] += brightness * *missing;
+                radiance.texels_mut()[texel] += brightness * *missing;
             }
         }
         let lights = self.chooser.choose(&far);
-        Light { radiance, far, lights, room_m: self.room.used_m, meter }
+        Light {
+            radiance,
+            far,
+            lights,
+            room_m: self.room.used_m,
+            meter,
+        }
     }
 
     /// Averages what stays and replaces what changed.
@@ -236,7 +267,11 @@ impl LightProbe {
             }
             let point = probe_m + near_m.direction(index) * distance;
             let in_camera = view.camera_from_world.transform_point(DVec3::from(point));
-            let sample = view.camera.intrinsics.project(in_camera).and_then(|pixel| view.picture.sample(pixel));
+            let sample = view
+                .camera
+                .intrinsics
+                .project(in_camera)
+                .and_then(|pixel| view.picture.sample(pixel));
             if let Some(sample) = sample
                 && !occluders.blocks(eye, point)
             {
@@ -258,7 +293,12 @@ impl LightProbe {
         let far = fill::fill_unknown(&known(false));
         let near = fill::fill_unknown(&known(true));
         let mut radiance = far.clone();
-        for ((texel, near), distance) in radiance.texels_mut().iter_mut().zip(near.texels()).zip(self.near_m.texels()) {
+        for ((texel, near), distance) in radiance
+            .texels_mut()
+            .iter_mut()
+            .zip(near.texels())
+            .zip(self.near_m.texels())
+        {
             if *distance < NOTHING_M {
                 *texel = *near;
             }
@@ -273,7 +313,11 @@ impl Room {
         /// Changes smaller than this share are left out.
         const STEP: f32 = 0.05;
         if !self.is_measured {
-            *self = Self { used_m: seen_m, averaged_m: seen_m, is_measured: true };
+            *self = Self {
+                used_m: seen_m,
+                averaged_m: seen_m,
+                is_measured: true,
+            };
             return;
         }
         self.averaged_m = self.averaged_m.powf(0.75) * seen_m.powf(0.25);
@@ -286,8 +330,13 @@ impl Room {
 impl Memory {
     fn take(&mut self, radiance: Vec3, clipped: u8, config: &ProbeConfig) {
         let (new, old) = (luminance(radiance), luminance(self.radiance));
-        let has_changed = self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped & 7 != self.clipped & 7;
-        self.frames = if has_changed { 1 } else { (self.frames + 1).min(config.average_frames as u8) };
+        let has_changed =
+            self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped & 7 != self.clipped & 7;
+        self.frames = if has_changed {
+            1
+        } else {
+            (self.frames + 1).min(config.average_frames as u8)
+        };
         self.radiance += (radiance - self.radiance) / f32::from(self.frames);
         self.clipped = clipped;
     }

@@ -46,7 +46,10 @@ impl<'a> Picture<'a> {
         if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64) {
             return None;
         }
-        let (x0, y0) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
+        let (x0, y0) = (
+            (x as usize).min(width.saturating_sub(2)),
+            (y as usize).min(height.saturating_sub(2)),
+        );
         let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
         let mut signal = Vec3::ZERO;
         let mut clipped = 0;
@@ -57,13 +60,21 @@ impl<'a> Picture<'a> {
                 let at = 3 * (py * width + px);
                 let code = &self.frame.pixels[at..at + 3];
                 let linear = self.camera.photometry.response.table();
-                signal += weight * Vec3::new(linear[code[0] as usize], linear[code[1] as usize], linear[code[2] as usize]);
+                signal += weight
+                    * Vec3::new(
+                        linear[code[0] as usize],
+                        linear[code[1] as usize],
+                        linear[code[2] as usize],
+                    );
                 for (bit, &c) in code.iter().enumerate() {
                     clipped |= u8::from(c >= CLIPPED_CODE) << bit;
                 }
             }
         }
-        let vignetting = self.camera.photometry.vignetting_at(pixel, self.camera.intrinsics.size_px) as f32;
+        let vignetting = self
+            .camera
+            .photometry
+            .vignetting_at(pixel, self.camera.intrinsics.size_px) as f32;
         let radiance = self.common_from_camera * (signal / (self.signal_per_radiance * vignetting));
         Some(Sample { radiance, clipped })
     }

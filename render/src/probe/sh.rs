@@ -105,7 +105,11 @@ mod tests {
         let sh = IrradianceSh::from_cube(&cube_of(64, |d| if d.y > 0.0 { 1.0 } else { 0.0 }));
         for n in [Vec3::Y, Vec3::NEG_Y, Vec3::new(0.8, 0.6, 0.0), Vec3::Z] {
             let expected = PI / 2.0 * (1.0 + n.y);
-            assert!((sh.irradiance(n).x - expected).abs() < 2e-2, "{n}: {} {expected}", sh.irradiance(n).x);
+            assert!(
+                (sh.irradiance(n).x - expected).abs() < 2e-2,
+                "{n}: {} {expected}",
+                sh.irradiance(n).x
+            );
         }
     }
 

@@ -15,10 +15,13 @@ pub const NOTHING_M: f32 = 1e9;
 #[must_use]
 pub fn distances_m(occluders: &Occluders, position_m: Vec3, from_m: f32, cube_size: u32) -> Cube<f32> {
     let mut cube = Cube::filled(cube_size, NOTHING_M);
-    cube.texels_mut().par_iter_mut().enumerate().for_each(|(index, distance)| {
-        let direction = super::cube::texel_direction(cube_size, index);
-        *distance = occluders.distance_m(position_m, direction, from_m).unwrap_or(NOTHING_M);
-    });
+    cube.texels_mut()
+        .par_iter_mut()
+        .enumerate()
+        .for_each(|(index, distance)| {
+            let direction = super::cube::texel_direction(cube_size, index);
+            *distance = occluders.distance_m(position_m, direction, from_m).unwrap_or(NOTHING_M);
+        });
     cube
 }
 
@@ -31,7 +34,9 @@ pub fn open_directions(occluders: &Occluders, points: &[Vec3], cube_size: u32) -
     }
     cube.texels_mut().par_iter_mut().enumerate().for_each(|(index, open)| {
         let direction = super::cube::texel_direction(cube_size, index);
-        *open = points.iter().any(|&point| occluders.distance_m(point, direction, 1e-3).is_none());
+        *open = points
+            .iter()
+            .any(|&point| occluders.distance_m(point, direction, 1e-3).is_none());
     });
     cube
 }

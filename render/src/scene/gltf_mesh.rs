@@ -66,8 +66,14 @@ const MAX_TRIANGLES: usize = 2_000_000;
 
 /// Reads all nodes of a glTF file into one mesh, in the object's frame.
 pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, RenderError> {
-    let place = Place { file: file.to_owned(), object: object.to_owned() };
-    let bytes = std::fs::read(file).map_err(|source| RenderError::Read { file: file.to_owned(), source })?;
+    let place = Place {
+        file: file.to_owned(),
+        object: object.to_owned(),
+    };
+    let bytes = std::fs::read(file).map_err(|source| RenderError::Read {
+        file: file.to_owned(),
+        source,
+    })?;
     let parsed = gltf::Gltf::from_slice(&bytes).map_err(|error| place.error(&error))?;
     let folder = file.parent();
     let buffers = gltf::import_buffers(&parsed.document, folder, parsed.blob.clone()).map_err(|e| place.error(&e))?;
@@ -80,7 +86,16 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
     };
     for scene in parsed.document.scenes() {
         for node in scene.nodes() {
-            read_node(&node, root, &place, &Payload { buffers: &buffers, images: &images }, &mut mesh)?;
+            read_node(
+                &node,
+                root,
+                &place,
+                &Payload {
+                    buffers: &buffers,
+                    images: &images,
+                },
+                &mut mesh,
+            )?;
         }
     }
     if mesh.indices.is_empty() {
@@ -96,7 +111,11 @@ struct Place {
 
 impl Place {
     fn message(&self, message: impl Into<String>) -> RenderError {
-        RenderError::Mesh { file: self.file.clone(), object: self.object.clone(), message: message.into() }
+        RenderError::Mesh {
+            file: self.file.clone(),
+            object: self.object.clone(),
+            message: message.into(),
+        }
     }
 
     fn error(&self, error: &dyn std::error::Error) -> RenderError {
@@ -119,7 +138,9 @@ fn read_node(
     let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
     let name = node.name().unwrap_or("(unnamed)").to_owned();
     if !object_from_node.is_finite() || object_from_node.determinant().abs() < 1e-12 {
-        return Err(place.message(format!("node `{name}` has a transform that is not finite or flattens it")));
+        return Err(place.message(format!(
+            "node `{name}` has a transform that is not finite or flattens it"
+        )));
     }
     if let Some(gltf_mesh) = node.mesh() {
         for primitive in gltf_mesh.primitives() {
@@ -140,11 +161,17 @@ fn read_primitive(
     mesh: &mut Mesh,
 ) -> Result<(), String> {
     if primitive.mode() != gltf::mesh::Mode::Triangles {
-        return Err(format!("a primitive is made of {:?}; only triangles are read", primitive.mode()));
+        return Err(format!(
+            "a primitive is made of {:?}; only triangles are read",
+            primitive.mode()
+        ));
     }
     let reader = primitive.reader(|buffer| payload.buffers.get(buffer.index()).map(|data| &data.0[..]));
-    let positions: Vec<Vec3> =
-        reader.read_positions().ok_or("a primitive has no positions")?.map(Vec3::from).collect();
+    let positions: Vec<Vec3> = reader
+        .read_positions()
+        .ok_or("a primitive has no positions")?
+        .map(Vec3::from)
+        .collect();
     let indices: Vec<u32> = match reader.read_indices() {
         Some(indices) => indices.into_u32().collect(),
         None => (0..positions.len() as u32).collect(),
@@ -157,7 +184,10 @@ fn read_primitive(
     if normals.len() != positions.len() {
         return Err(format!("{} normals for {} positions", normals.len(), positions.len()));
     }
-    let uvs: Vec<[f32; 2]> = reader.read_tex_coords(0).map(|t| t.into_f32().collect()).unwrap_or_default();
+    let uvs: Vec<[f32; 2]> = reader
+        .read_tex_coords(0)
+        .map(|t| t.into_f32().collect())
+        .unwrap_or_default();
     let normal_matrix = Mat3::from_mat4(object_from_node).inverse().transpose();
     let first = mesh.vertices.len() as u32;
     let material = mesh.materials.len() as u32;
@@ -170,7 +200,8 @@ fn read_primitive(
             uv: uvs.get(i).copied().unwrap_or_default(),
         });
     }
-    mesh.indices.extend(indices[..indices.len() / 3 * 3].iter().map(|i| first + i));
+    mesh.indices
+        .extend(indices[..indices.len() / 3 * 3].iter().map(|i| first + i));
     mesh.materials.push(read_material(&primitive.material(), payload)?);
     Ok(())
 }
@@ -205,7 +236,9 @@ fn read_material(material: &gltf::Material<'_>, payload: &Payload<'_>) -> Result
     let pbr = material.pbr_metallic_roughness();
     let [r, g, b, _] = pbr.base_color_factor();
     let dielectric_f0 = material.specular().map_or([0.04; 3], |specular| {
-        specular.specular_color_factor().map(|c| (0.04 * c).min(1.0) * specular.specular_factor())
+        specular
+            .specular_color_factor()
+            .map(|c| (0.04 * c).min(1.0) * specular.specular_factor())
     });
     let base_color_texture = match pbr.base_color_texture() {
         Some(info) => Some(read_texture(&info.texture(), payload)?),
@@ -223,10 +256,17 @@ fn read_material(material: &gltf::Material<'_>, payload: &Payload<'_>) -> Result
 
 fn read_texture(texture: &gltf::Texture<'_>, payload: &Payload<'_>) -> Result<BaseColorTexture, String> {
     use gltf::image::Format;
-    let data = payload.images.get(texture.source().index()).ok_or("a texture without its picture")?;
+    let data = payload
+        .images
+        .get(texture.source().index())
+        .ok_or("a texture without its picture")?;
     let rgba = match data.format {
         Format::R8G8B8A8 => data.pixels.clone(),
-        Format::R8G8B8 => data.pixels.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect(),
+        Format::R8G8B8 => data
+            .pixels
+            .chunks_exact(3)
+            .flat_map(|p| [p[0], p[1], p[2], 255])
+            .collect(),
         Format::R8 => data.pixels.iter().flat_map(|&p| [p, p, p, 255]).collect(),
         other @ (Format::R8G8
         | Format::R16
@@ -235,10 +275,15 @@ fn read_texture(texture: &gltf::Texture<'_>, payload: &Payload<'_>) -> Result<Ba
         | Format::R16G16B16A16
         | Format::R32G32B32FLOAT
         | Format::R32G32B32A32FLOAT) => {
-            return Err(format!("a base colour picture is stored as {other:?}; use 8-bit RGB or RGBA"));
+            return Err(format!(
+                "a base colour picture is stored as {other:?}; use 8-bit RGB or RGBA"
+            ));
         }
     };
-    Ok(BaseColorTexture { size_px: [data.width, data.height], rgba })
+    Ok(BaseColorTexture {
+        size_px: [data.width, data.height],
+        rgba,
+    })
 }
 
 #[cfg(test)]
@@ -253,8 +298,16 @@ mod tests {
 
     #[test]
     fn bad_indices_and_positions_are_refused() {
-        assert!(check_triangles(&[Vec3::ZERO], &[0, 0, 1], 0).unwrap_err().contains("index 1"));
-        assert!(check_triangles(&[Vec3::NAN], &[0, 0, 0], 0).unwrap_err().contains("finite"));
+        assert!(
+            check_triangles(&[Vec3::ZERO], &[0, 0, 1], 0)
+                .unwrap_err()
+                .contains("index 1")
+        );
+        assert!(
+            check_triangles(&[Vec3::NAN], &[0, 0, 0], 0)
+                .unwrap_err()
+                .contains("finite")
+        );
         assert!(check_triangles(&[Vec3::ZERO], &[0, 0, 0], 3 * MAX_TRIANGLES).is_err());
     }
 }

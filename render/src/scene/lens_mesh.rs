@@ -25,7 +25,11 @@ pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Mesh {
 }
 
 fn split_once(mesh: &Mesh, max_edge_m: f32) -> Mesh {
-    let mut out = Mesh { vertices: mesh.vertices.clone(), indices: Vec::new(), materials: mesh.materials.clone() };
+    let mut out = Mesh {
+        vertices: mesh.vertices.clone(),
+        indices: Vec::new(),
+        materials: mesh.materials.clone(),
+    };
     let mut middles = std::collections::HashMap::new();
     let long = |a: u32, b: u32| {
         let position = |i: u32| Vec3::from(mesh.vertices[i as usize].position);
@@ -36,7 +40,8 @@ fn split_once(mesh: &Mesh, max_edge_m: f32) -> Mesh {
         let mut middle = |a: u32, b: u32, out: &mut Mesh| {
             long(a, b).then(|| {
                 *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                    out.vertices.push(between(&mesh.vertices[a as usize], &mesh.vertices[b as usize]));
+                    out.vertices
+                        .push(between(&mesh.vertices[a as usize], &mesh.vertices[b as usize]));
                     out.vertices.len() as u32 - 1
                 })
             })
@@ -66,7 +71,10 @@ fn between(a: &Vertex, b: &Vertex) -> Vertex {
     Vertex {
         position: middle(a.position, b.position).to_array(),
         object: a.object,
-        normal: middle(a.normal, b.normal).try_normalize().unwrap_or(Vec3::from(a.normal)).to_array(),
+        normal: middle(a.normal, b.normal)
+            .try_normalize()
+            .unwrap_or(Vec3::from(a.normal))
+            .to_array(),
         material: a.material,
         uv: [0.5 * (a.uv[0] + b.uv[0]), 0.5 * (a.uv[1] + b.uv[1])],
     }
@@ -78,8 +86,18 @@ mod tests {
     use proptest::prelude::*;
 
     fn mesh(corners: [Vec3; 3]) -> Mesh {
-        let vertex = |p: Vec3| Vertex { position: p.to_array(), object: 0, normal: [0.0, 0.0, 1.0], material: 0, uv: [0.0; 2] };
-        Mesh { vertices: corners.map(vertex).to_vec(), indices: vec![0, 1, 2], materials: Vec::new() }
+        let vertex = |p: Vec3| Vertex {
+            position: p.to_array(),
+            object: 0,
+            normal: [0.0, 0.0, 1.0],
+            material: 0,
+            uv: [0.0; 2],
+        };
+        Mesh {
+            vertices: corners.map(vertex).to_vec(),
+            indices: vec![0, 1, 2],
+            materials: Vec::new(),
+        }
     }
 
     fn area(mesh: &Mesh) -> Vec3 {

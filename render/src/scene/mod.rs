@@ -100,12 +100,20 @@ impl Scene {
     /// A file that cannot be read or parsed, an unknown key, a version other than 1, a duplicate name, an object with two
     /// placements, a marker that the rig lacks, a matrix that is no rigid transform, an unusable mesh.
     pub fn load(file: &Path, rig: &Rig) -> Result<Self, RenderError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|source| RenderError::Read { file: file.to_owned(), source })?;
-        let config_error = |message: String| RenderError::Config { file: file.to_owned(), message };
+        let text = std::fs::read_to_string(file).map_err(|source| RenderError::Read {
+            file: file.to_owned(),
+            source,
+        })?;
+        let config_error = |message: String| RenderError::Config {
+            file: file.to_owned(),
+            message,
+        };
         let parsed: SceneFile = toml::from_str(&text).map_err(|error| config_error(error.to_string()))?;
         if parsed.version != 1 {
-            return Err(config_error(format!("`version` is {}; this program reads version 1", parsed.version)));
+            return Err(config_error(format!(
+                "`version` is {}; this program reads version 1",
+                parsed.version
+            )));
         }
         let mut names = HashSet::new();
         let folder = file.parent().unwrap_or(Path::new("."));
@@ -118,21 +126,35 @@ impl Scene {
                 message,
             };
             if !names.insert(entry.name.clone()) {
-                return Err(scene_error("name", "two objects have this name; names are unique".into()));
+                return Err(scene_error(
+                    "name",
+                    "two objects have this name; names are unique".into(),
+                ));
             }
             if entry.name.is_empty() || entry.name.contains(['/', '\\', '\0']) {
-                return Err(scene_error("name", "a name is not empty and has no `/`: it becomes a file name".into()));
+                return Err(scene_error(
+                    "name",
+                    "a name is not empty and has no `/`: it becomes a file name".into(),
+                ));
             }
             let placement = placement(entry, rig).map_err(|(field, message)| scene_error(field, message))?;
             let mesh = gltf_mesh::load(&folder.join(&entry.mesh), &entry.name, entry.mesh_up)?;
-            objects.push(Object { name: entry.name.clone(), kind: entry.kind, placement, mesh });
+            objects.push(Object {
+                name: entry.name.clone(),
+                kind: entry.kind,
+                placement,
+                mesh,
+            });
         }
         Ok(Self { objects })
     }
 
     /// The virtual objects with their indices in [`Scene::objects`].
     pub fn virtual_objects(&self) -> impl Iterator<Item = (usize, &Object)> {
-        self.objects.iter().enumerate().filter(|(_, object)| object.kind == Kind::Virtual)
+        self.objects
+            .iter()
+            .enumerate()
+            .filter(|(_, object)| object.kind == Kind::Virtual)
     }
 }
 
@@ -142,9 +164,9 @@ impl Object {
     pub fn world_from_object(&self, rig: &Rig) -> Affine3A {
         let pose = match self.placement {
             Placement::World(pose) => pose,
-            Placement::Marker { id, marker_from_object } => rig
-                .marker(id)
-                .map_or(marker_from_object, |marker| marker.world_from_marker * marker_from_object),
+            Placement::Marker { id, marker_from_object } => rig.marker(id).map_or(marker_from_object, |marker| {
+                marker.world_from_marker * marker_from_object
+            }),
         };
         affine(&pose)
     }
@@ -153,14 +175,22 @@ impl Object {
     #[must_use]
     pub fn bounding_sphere(&self, rig: &Rig) -> (Vec3, f32) {
         let world_from_object = self.world_from_object(rig);
-        let points = self.mesh.vertices.iter().map(|v| world_from_object.transform_point3(Vec3::from(v.position)));
+        let points = self
+            .mesh
+            .vertices
+            .iter()
+            .map(|v| world_from_object.transform_point3(Vec3::from(v.position)));
         let (low, high) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let center = 0.5 * (low + high);
         let radius = self
             .mesh
             .vertices
             .iter()
-            .map(|v| world_from_object.transform_point3(Vec3::from(v.position)).distance(center))
+            .map(|v| {
+                world_from_object
+                    .transform_point3(Vec3::from(v.position))
+                    .distance(center)
+            })
             .fold(0.0, f32::max);
         (center, radius)
     }
@@ -176,16 +206,14 @@ pub fn affine(pose: &Pose) -> Affine3A {
 }
 
 fn placement(entry: &ObjectEntry, rig: &Rig) -> Result<Placement, (&'static str, String)> {
-    let pose = |field: &'static str, rows: &[[f64; 4]; 3]| {
-        Pose::from_rows(rows).map_err(|error| (field, error.to_string()))
-    };
+    let pose =
+        |field: &'static str, rows: &[[f64; 4]; 3]| Pose::from_rows(rows).map_err(|error| (field, error.to_string()));
     match (&entry.world_from_object, entry.marker) {
-        (Some(_), Some(_)) => {
-            Err(("marker", "an object stands either at `world_from_object` or on a `marker`, not both".into()))
-        }
-        (_, None) if entry.marker_from_object.is_some() => {
-            Err(("marker_from_object", "only with `marker`".into()))
-        }
+        (Some(_), Some(_)) => Err((
+            "marker",
+            "an object stands either at `world_from_object` or on a `marker`, not both".into(),
+        )),
+        (_, None) if entry.marker_from_object.is_some() => Err(("marker_from_object", "only with `marker`".into())),
         (None, None) => Ok(Placement::World(Pose::identity())),
         (Some(rows), None) => Ok(Placement::World(pose("world_from_object", rows)?)),
         (None, Some(id)) => {

@@ -22,12 +22,15 @@ impl Occluders {
     pub fn new(corners: impl IntoIterator<Item = [Vec3; 3]>) -> Self {
         let triangles: Vec<Triangle> = corners
             .into_iter()
-            .map(|[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
+            .map(|[a, b, c]| Triangle {
+                v0: a.into(),
+                v1: b.into(),
+                v2: c.into(),
+            })
             .filter(|t| t.v0.is_finite() && t.v1.is_finite() && t.v2.is_finite())
             .collect();
-        let hierarchy = (!triangles.is_empty()).then(|| {
-            build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default())
-        });
+        let hierarchy = (!triangles.is_empty())
+            .then(|| build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default()));
         Self { hierarchy, triangles }
     }
 
@@ -39,7 +42,7 @@ impl Occluders {
         let mut hit = RayHit::none();
         hierarchy
             .ray_traverse(ray, &mut hit, |ray, id| {
-                self.triangles[hierarchy.primitive_indices[id] as usize].intersect(ray)
+                intersect(&self.triangles[hierarchy.primitive_indices[id] as usize], ray)
             })
             .then_some(hit.t)
     }
@@ -53,13 +56,37 @@ impl Occluders {
         if length <= 2.0 * CLEARANCE_M {
             return false;
         }
-        self.distance_m(from, way / length, CLEARANCE_M).is_some_and(|d| d < length - CLEARANCE_M)
+        self.distance_m(from, way / length, CLEARANCE_M)
+            .is_some_and(|d| d < length - CLEARANCE_M)
+    }
+}
+
+/// Distance along a ray to a triangle, infinite where it misses (Möller and Trumbore 1997).
+///
+/// Edges count, and a little beyond them: `obvhs`'s own test lets a ray exactly through an edge slip between two triangles.
+fn intersect(triangle: &Triangle, ray: &Ray) -> f32 {
+    const EDGE: f32 = 1e-6;
+    let (ab, ac) = (triangle.v1 - triangle.v0, triangle.v2 - triangle.v0);
+    let across = ray.direction.cross(ac);
+    let inverse = 1.0 / ab.dot(across);
+    let from_corner = ray.origin - triangle.v0;
+    let u = from_corner.dot(across) * inverse;
+    let turned = from_corner.cross(ab);
+    let v = ray.direction.dot(turned) * inverse;
+    let distance = ac.dot(turned) * inverse;
+    let is_hit = inverse.is_finite() && u >= -EDGE && v >= -EDGE && u + v <= 1.0 + EDGE;
+    if is_hit && distance >= ray.tmin && distance <= ray.tmax {
+        distance
+    } else {
+        f32::INFINITY
     }
 }
 
 impl std::fmt::Debug for Occluders {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Occluders").field("n_triangles", &self.triangles.len()).finish()
+        f.debug_struct("Occluders")
+            .field("n_triangles", &self.triangles.len())
+            .finish()
     }
 }
 

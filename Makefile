@@ -1,0 +1,56 @@
+# The two commands are `make demo` and `make test`; `make` alone lists all of them.
+
+# A folder with recording/, scene/ and truth/, and where its results go.
+SEQUENCE ?= tests/data/moving_lamp
+OUT ?= out/demo
+
+TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
+BIN := $(TARGET_DIR)/release
+
+# Where this is not set (a container, say), Mesa prints an error that is none. Any folder will do.
+export XDG_RUNTIME_DIR ?= /tmp
+
+.PHONY: help demo test setup build lint docs
+
+help:
+	@echo 'make demo    set up, build, render the recording in $(SEQUENCE), write pictures and figures to $(OUT)'
+	@echo 'make test    set up and run all tests'
+	@echo 'make setup   install what Debian packages are missing; check the Rust toolchain'
+	@echo 'make build   build all programs'
+	@echo 'make lint    check format, lints, documentation and, with cargo-deny, licences and advisories'
+	@echo 'make docs    build the documentation of all crates'
+
+setup:
+	@scripts/setup.sh
+
+build:
+	cargo build --release --locked --workspace --bins
+
+demo: setup build
+	$(BIN)/mirrorball-render --recording '$(SEQUENCE)/recording' --scene '$(SEQUENCE)/scene/scene.toml' \
+		--out '$(OUT)' --environment-out
+	$(BIN)/sheet '$(OUT)' '$(SEQUENCE)/recording' --truth '$(SEQUENCE)/truth' \
+		--out '$(OUT)/sheet.png' --preview '$(OUT)/preview.gif'
+	$(BIN)/score '$(OUT)' '$(SEQUENCE)/truth' --json '$(OUT)/score.json'
+	@echo
+	@echo 'contact sheet   $(OUT)/sheet.png'
+	@echo 'animation       $(OUT)/preview.gif'
+	@echo 'composites      $(OUT)/composite/'
+	@echo 'measured light  $(OUT)/environment/'
+	@echo 'frame by frame  $(OUT)/frames.jsonl'
+	@echo 'these figures   $(OUT)/score.json'
+
+# After set-up there is a Vulkan adapter, lavapipe if nothing else, so a test that skips for want of one is a failure.
+test: setup
+	MIRRORBALL_REQUIRE_GPU=1 cargo test --release --locked --workspace
+
+lint:
+	cargo fmt --all --check
+	cargo clippy --release --locked --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS='-D warnings' cargo doc --release --locked --workspace --no-deps
+	@if cargo deny --version >/dev/null 2>&1; then cargo deny --locked check; \
+		else echo 'cargo-deny is not installed: licences and advisories not checked'; fi
+
+docs:
+	cargo doc --release --locked --workspace --no-deps
+	@echo 'open $(TARGET_DIR)/doc/mirrorball_render/index.html'

@@ -1,0 +1,205 @@
+//! Shaders without a GPU: every pass parses and validates, and what Rust and WGSL share has one layout.
+
+use std::collections::BTreeMap;
+use std::mem::offset_of;
+
+use mirrorball_render::environments::SH_STRIDE_BYTES;
+use mirrorball_render::gpu::shader::{PASSES, resolve};
+use mirrorball_render::gpu::types::{
+    GpuAim, GpuCamera, GpuEnvironment, GpuFrame, GpuLight, GpuMaterial, GpuObject, GpuProbe, MAX_ENVIRONMENTS,
+    MAX_LIGHTS,
+};
+use mirrorball_render::passes::ENVIRONMENT_MIPS;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{ArraySize, Module, TypeInner};
+
+fn source(name: &str) -> String {
+    let (_, source) = PASSES
+        .iter()
+        .find(|(pass, _)| *pass == name)
+        .unwrap_or_else(|| panic!("no pass `{name}`"));
+    resolve(source)
+}
+
+fn module(name: &str) -> Module {
+    let source = source(name);
+    naga::front::wgsl::parse_str(&source).unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(&source)))
+}
+
+/// Offsets by name of member, and the size, of a WGSL struct.
+fn layout(module: &Module, name: &str) -> (BTreeMap<String, u32>, u32) {
+    let (_, found) = module
+        .types
+        .iter()
+        .find(|(_, ty)| ty.name.as_deref() == Some(name))
+        .expect("the struct is there");
+    let TypeInner::Struct { members, span } = &found.inner else {
+        panic!("`{name}` is no struct")
+    };
+    (
+        members
+            .iter()
+            .map(|m| (m.name.clone().unwrap_or_default(), m.offset))
+            .collect(),
+        *span,
+    )
+}
+
+/// Number of elements of a global's array and bytes from one to the next.
+fn array(module: &Module, global: &str) -> (u32, u32) {
+    let (_, variable) = module
+        .global_variables
+        .iter()
+        .find(|(_, variable)| variable.name.as_deref() == Some(global))
+        .unwrap_or_else(|| panic!("no global `{global}`"));
+    let TypeInner::Array {
+        size: ArraySize::Constant(length),
+        stride,
+        ..
+    } = module.types[variable.ty].inner
+    else {
+        panic!("`{global}` is no array of fixed length")
+    };
+    (length.get(), stride)
+}
+
+/// Compares a WGSL struct of a pass with its Rust twin, every member by name and offset.
+macro_rules! assert_same_layout {
+    ($pass:literal, $wgsl:literal, $rust:ty { $($member:ident),* $(,)? }) => {{
+        let (members, size) = layout(&module($pass), $wgsl);
+        let rust: BTreeMap<String, u32> =
+            [$((stringify!($member).to_owned(), offset_of!($rust, $member) as u32)),*].into();
+        assert_eq!(members, rust, "members of `{}` in {}.wgsl and of {}", $wgsl, $pass, stringify!($rust));
+        assert_eq!(size as usize, size_of::<$rust>(), "size of `{}` in {}.wgsl", $wgsl, $pass);
+    }};
+}
+
+#[test]
+fn every_pass_resolves_parses_and_validates() {
+    for (name, _) in PASSES {
+        assert!(!source(name).contains("#import"), "{name}: an import is not resolved");
+        let checked = Validator::new(ValidationFlags::all(), Capabilities::default()).validate(&module(name));
+        assert!(checked.is_ok(), "{name}: {:?}", checked.err());
+    }
+}
+
+#[test]
+fn every_shader_file_is_a_pass() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/shaders");
+    let mut files: Vec<String> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.is_file())
+        .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    files.sort();
+    let mut passes = PASSES.map(|(name, _)| name.to_owned());
+    passes.sort();
+    assert_eq!(files, passes);
+}
+
+#[test]
+fn shared_structs_have_one_layout() {
+    assert_same_layout!(
+        "radiance_map",
+        "Camera",
+        GpuCamera {
+            camera_from_world,
+            common_from_camera,
+            camera_from_common,
+            position_m,
+            focal_and_principal_px,
+            distortion,
+            limits,
+            signal_per_radiance,
+            vignetting_and_depth,
+        }
+    );
+    assert_same_layout!(
+        "radiance_map",
+        "Probe",
+        GpuProbe {
+            position_m,
+            reflectance,
+            limits
+        }
+    );
+    assert_same_layout!("receive", "Light", GpuLight { position_m, intensity });
+    assert_same_layout!(
+        "receive",
+        "Frame",
+        GpuFrame {
+            counts,
+            ball_m,
+            receivers_m,
+            virtuals_m,
+            everything_m,
+            casters_m
+        }
+    );
+    assert_same_layout!(
+        "shadow_map",
+        "Aim",
+        GpuAim {
+            position_m,
+            receivers_m,
+            casters_m
+        }
+    );
+    assert_same_layout!(
+        "receive",
+        "Object",
+        GpuObject {
+            world_from_object,
+            environment
+        }
+    );
+    assert_same_layout!(
+        "shade",
+        "Material",
+        GpuMaterial {
+            base_color,
+            dielectric,
+            parameters
+        }
+    );
+    assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
+}
+
+#[test]
+fn arrays_are_as_long_as_the_constants_say() {
+    for pass in ["receive", "shade"] {
+        let module = module(pass);
+        assert_eq!(
+            array(&module, "lights"),
+            (MAX_LIGHTS as u32, size_of::<GpuLight>() as u32),
+            "{pass}"
+        );
+        assert_eq!(
+            array(&module, "environments"),
+            (MAX_ENVIRONMENTS as u32, size_of::<GpuEnvironment>() as u32)
+        );
+        let (length, stride) = array(&module, "near_sh");
+        assert_eq!(
+            u64::from(length * stride),
+            MAX_ENVIRONMENTS as u64 * SH_STRIDE_BYTES,
+            "{pass}"
+        );
+    }
+}
+
+#[test]
+fn harmonics_of_an_environment_start_where_the_irradiance_pass_writes_them() {
+    let direct = source("shade");
+    let per_slot = SH_STRIDE_BYTES / 16;
+    assert!(
+        direct.contains(&format!("near_sh[{per_slot}u * slot + i]")),
+        "direct.wgsl counts another stride"
+    );
+}
+
+#[test]
+fn the_last_specular_mip_is_the_roughest() {
+    let line = format!("const LAST_SPECULAR_MIP: f32 = {}.0;", ENVIRONMENT_MIPS - 1);
+    assert!(source("shade").contains(&line), "shade.wgsl lacks `{line}`");
+}

@@ -1,0 +1,73 @@
+#!/usr/bin/env bash
+# Installs what Debian packages are missing and checks the Rust toolchain.
+# Says what it does; says and does nothing, and needs no network, when all is there.
+#
+# usage: scripts/setup.sh [--window]
+#   --window   also the libraries that `mirrorball-render --window` loads at run time
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+# The compilers: C for the AprilTag library, C++ for the FLIP metric.
+# The Vulkan loader, and drivers for it. They bring the software adapter lavapipe and stand beside any other driver:
+# the programs choose the fastest adapter they find.
+packages=(build-essential libvulkan1 mesa-vulkan-drivers ca-certificates curl)
+window_packages=(libxkbcommon0 libxkbcommon-x11-0 libwayland-client0 libx11-6 libx11-xcb1 libxcursor1 libxi6 libxrandr2)
+
+fail() {
+    echo "error: $1" >&2
+    shift
+    printf '  hint: %s\n' "$@" >&2
+    exit 1
+}
+
+is_installed() {
+    [ "$(dpkg-query --show --showformat='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]
+}
+
+install_missing() {
+    local missing=() package
+    for package in "${packages[@]}"; do
+        is_installed "$package" || missing+=("$package")
+    done
+    if [ ${#missing[@]} -eq 0 ]; then
+        return
+    fi
+    echo "installing Debian packages: ${missing[*]}"
+    local as_root=()
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null ||
+            fail "Debian packages are missing, and there is no \`sudo\` to install them" \
+                "run as root: apt-get install --no-install-recommends ${missing[*]}"
+        as_root=(sudo)
+    fi
+    "${as_root[@]}" apt-get update
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install --yes --no-install-recommends "${missing[@]}"
+}
+
+check_rust() {
+    local needed found
+    needed=$(sed -n 's/^rust-version = "\(.*\)"$/\1/p' Cargo.toml)
+    if ! command -v cargo >/dev/null; then
+        if [ -x "$HOME/.cargo/bin/cargo" ]; then
+            fail "\`cargo\` is not on the PATH" "run: . \"\$HOME/.cargo/env\""
+        fi
+        fail "there is no Rust toolchain; Rust $needed or newer is needed (Debian 12 ships an older one)" \
+            "install rustup as https://rustup.rs says: curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh"
+    fi
+    found=$(rustc --version | cut -d ' ' -f 2)
+    if ! printf '%s\n%s\n' "$needed" "${found%%-*}" | sort --version-sort --check=quiet; then
+        fail "Rust $found is too old; $needed or newer is needed" "run: rustup update stable"
+    fi
+}
+
+case "${1-}" in
+    '') ;;
+    --window) packages+=("${window_packages[@]}") ;;
+    *) fail "unknown option \`$1\`" "scripts/setup.sh knows \`--window\` only" ;;
+esac
+if command -v dpkg-query >/dev/null; then
+    install_missing
+else
+    echo "no Debian system: see to it that a C and C++ compiler, a Vulkan loader and a Vulkan driver are there"
+fi
+check_rust

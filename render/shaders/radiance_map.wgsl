@@ -59,9 +59,15 @@ fn seen_in_ball(direction: vec3f, distance: f32) -> Seen {
     return seen_directly(probe.position_m.xyz + normal * radius);
 }
 
+// Whether bilinear sampling would mix in the black around a fisheye's picture: nearer than two pixels to its end.
+fn is_at_rim(point: vec3f) -> bool {
+    let angle = atan2(length(point.xy), point.z);
+    return camera.position_m.w > 0.5 && angle > camera.limits.y - 2.0 / camera.focal_and_principal_px.x;
+}
+
 fn seen_directly(point_world: vec3f) -> Seen {
     let point = (camera.camera_from_world * vec4f(point_world, 1.0)).xyz;
-    if !is_imaged(camera, point) {
+    if !is_imaged(camera, point) || is_at_rim(point) {
         return Seen(vec2f(0.0), false);
     }
     let pixel = pixel_of(camera, point);

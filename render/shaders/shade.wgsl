@@ -27,6 +27,11 @@
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
 const LAST_SPECULAR_MIP: f32 = 5.0;
+// Steps along a reflected ray: 4 mm to 4 m in 24 of them.
+const FIRST_STEP_M: f32 = 0.004;
+const STEP_GROWTH: f32 = 1.35;
+// Angle of a texel of the specular cube's first mip, radians.
+const TEXEL_RAD: f32 = 0.0123;
 
 struct Corner {
     @builtin(position) clip: vec4f,
@@ -52,20 +57,31 @@ fn vertex(
 }
 
 // Direction in which environment `slot`, taken at its own place, shows what a ray from `point` meets. The cube's alpha
-// holds distances; three rounds bring the ray and the surface together.
+// holds distances, so the ray is followed in growing steps until it lies behind what the cube shows there, and the
+// crossing is then narrowed by halves (Szirmay-Kalos et al. 2005, "Approximate ray-tracing on the GPU with distance
+// impostors", with a search in place of their secant).
 fn parallax_corrected(slot: u32, point: vec3f, direction: vec3f) -> vec3f {
     let from_center = point - environments[slot].position_m.xyz;
-    var towards = direction;
-    for (var i = 0; i < 3; i++) {
-        let distance_m = textureSampleLevel(specular, linear_sampler, towards, slot, 0.0).a;
-        let b = dot(from_center, direction);
-        let inside = distance_m * distance_m - dot(from_center, from_center);
-        if inside <= 0.0 {
-            return towards;
+    var before = 0.0;
+    var after = FIRST_STEP_M;
+    for (var i = 0; i < 24; i++) {
+        let place = from_center + direction * after;
+        if dot(place, place) > pow(textureSampleLevel(specular, linear_sampler, place, slot, 0.0).a, 2.0) {
+            break;
         }
-        towards = from_center + direction * (-b + sqrt(b * b + inside));
+        before = after;
+        after *= STEP_GROWTH;
     }
-    return towards;
+    for (var i = 0; i < 6; i++) {
+        let middle = 0.5 * (before + after);
+        let place = from_center + direction * middle;
+        if dot(place, place) > pow(textureSampleLevel(specular, linear_sampler, place, slot, 0.0).a, 2.0) {
+            after = middle;
+        } else {
+            before = middle;
+        }
+    }
+    return from_center + direction * after;
 }
 
 fn virtual_radiance(corner: Corner) -> vec3f {
@@ -77,6 +93,11 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         // Seen from behind (an open mesh) or an interpolated normal turned away at the outline.
         normal = normalize(normal - 1.01 * dot(normal, to_eye) * to_eye);
     }
+    // What a pixel's reflection sweeps is no sharper than a lobe of that width: alpha about half of it. The sweep is long
+    // and thin at outlines and bent edges, the lobe round: its width is between the two.
+    let mirrored = reflect(-to_eye, normalize(corner.normal));
+    let swept_rad = sqrt(length(dpdx(mirrored)) * length(dpdy(mirrored)));
+    let least_roughness = sqrt(0.5 * max(swept_rad - TEXEL_RAD, 0.0));
     var base_color = material.base_color.rgb;
     let layer = i32(material.parameters.z) - 1;
     if layer >= 0 {
@@ -100,10 +121,9 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         radiance += (1.0 - metallic) * base_color * irradiance * 0.31830987;
     }
     if max(f0.r, max(f0.g, f0.b)) > 0.0 {
-        let reflected = reflect(-to_eye, normal);
-        let towards = parallax_corrected(slot, corner.position, reflected);
+        let towards = parallax_corrected(slot, corner.position, reflect(-to_eye, normal));
         let split = environment_brdf(roughness, max(dot(normal, to_eye), 0.0));
-        let prefiltered = textureSampleLevel(specular, linear_sampler, towards, slot, roughness * LAST_SPECULAR_MIP).rgb;
+        let prefiltered = textureSampleLevel(specular, linear_sampler, towards, slot, clamp(max(roughness, least_roughness), 0.0, 1.0) * LAST_SPECULAR_MIP).rgb;
         radiance += prefiltered * (f0 * split.x + split.y * f90);
     }
     return radiance;

@@ -20,6 +20,8 @@ use crate::probe::{Light, ProbeOptics, SceneView};
 const CASTER_HEIGHT_M: f32 = 0.03;
 /// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
 const SINGLE_TAP_SHARE: f32 = 0.02;
+/// How often the first probe picture is evaluated.
+const FIRST_LOOKS: u32 = 3;
 /// Room around a virtual object for the filter of its shadow, metres.
 const CASTER_MARGIN_M: f32 = 0.01;
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
@@ -94,12 +96,6 @@ impl RenderNode {
             return Ok(());
         }
         let camera = self.gpu_camera(probe_camera, &camera_from_world, probe_frame);
-        let probe = gpu_probe(
-            self.probe.optics(),
-            camera.position_m.truncate(),
-            &self.config.probe,
-            self.probe.room_m(),
-        );
         let picture = match &mut self.pictures.probe {
             Some(picture) => {
                 picture.upload(&self.gpu, probe_frame);
@@ -107,16 +103,30 @@ impl RenderNode {
             }
             None => &self.pictures.scene,
         };
-        let measured = self
-            .passes
-            .radiance_map
-            .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
         let scene_view = pose.map(|pose| SceneView {
             picture: Picture::new(frame, scene_camera),
             camera: scene_camera,
             camera_from_world: *pose,
         });
-        self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
+        // The first look takes the room's distance for granted; with what it says of it, the next sees better.
+        let looks = if self.probe_sequence.is_none() { FIRST_LOOKS } else { 1 };
+        for look in 0..looks {
+            if look > 0 {
+                self.probe.forget();
+            }
+            let config = &self.config.probe;
+            let probe = gpu_probe(
+                self.probe.optics(),
+                camera.position_m.truncate(),
+                config,
+                self.probe.room_m(),
+            );
+            let measured = self
+                .passes
+                .radiance_map
+                .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
+            self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
+        }
         self.probe_sequence = Some(probe_frame.meta.sequence);
         Ok(())
     }

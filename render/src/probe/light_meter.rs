@@ -33,8 +33,10 @@ const RAMP_SIGMA: f32 = 0.5;
 const READING_SIGMA: f32 = 0.03;
 /// Regions beyond this number, by size, are left as the camera saw them.
 const MAX_REGIONS: usize = 6;
-/// Candidates for the room's distance, as multiples of the configured one.
-const DISTANCE_FACTORS: [f32; 9] = [0.35, 0.45, 0.55, 0.67, 0.82, 1.0, 1.25, 1.6, 2.2];
+/// Candidates for the room's distance, as multiples of the configured one: a third to twice and a half, 12 % apart.
+const DISTANCE_FACTORS: [f32; 18] = [
+    0.35, 0.39, 0.44, 0.49, 0.55, 0.62, 0.69, 0.78, 0.87, 0.98, 1.09, 1.23, 1.37, 1.54, 1.72, 1.93, 2.16, 2.42,
+];
 /// Penalty for a room twice or half as far as configured, in squared standard deviations.
 const DISTANCE_PRIOR: f32 = 6.0;
 
@@ -66,8 +68,35 @@ pub struct ClippedRegion {
     pub texels: Vec<usize>,
     /// Channels that clip anywhere in it.
     pub channels: [bool; 3],
-    /// Cost of a unit of missing radiance, in squared standard deviations: 0 for a region with an edge.
-    pub penalty: f32,
+    /// What it costs to add radiance.
+    pub price: Price,
+}
+
+/// Reluctance to add radiance to a region: `at_zero` squared standard deviations per unit for the first, less and less
+/// the more is added beyond `level` (the logarithm of Candès, Wakin and Boyd 2008, "Enhancing sparsity by reweighted l1
+/// minimization"): a region is either left alone or believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Price {
+    /// Squared standard deviations per unit of radiance; 0 for a region with an edge.
+    pub at_zero: f32,
+    /// Radiance at which the price has halved, above 0.
+    pub level: f32,
+}
+
+impl Price {
+    /// No reluctance.
+    pub const NONE: Self = Self {
+        at_zero: 0.0,
+        level: 1.0,
+    };
+
+    fn per_unit(self, radiance: f32) -> f32 {
+        self.at_zero * self.level / (self.level + radiance)
+    }
+
+    fn total(self, radiance: f32) -> f32 {
+        self.at_zero * self.level * (radiance / self.level).ln_1p()
+    }
 }
 
 /// What the papers say about the light.
@@ -357,7 +386,7 @@ struct Shape {
     /// Directions from the probe of some of them; the solid angle each stands for, times its brightness.
     samples: Vec<(Vec3, f32)>,
     channels: [bool; 3],
-    penalty: f32,
+    price: Price,
 }
 
 /// What is expected of a large clipped region, up to scale: a window shows the CIE standard overcast sky, 1 + 2 sin of the
@@ -422,7 +451,7 @@ impl Shape {
                 .collect(),
             texels,
             channels: region.channels,
-            penalty: region.penalty,
+            price: region.price,
         }
     }
 }
@@ -464,8 +493,7 @@ fn solve(rows: &[Row], shapes: &[Shape], n_regions: usize) -> (f32, Vec<Vec3>, f
 struct Unknowns {
     /// Per unknown: its effect on every reading, in standard deviations of the reading per unit of radiance.
     slopes: Vec<Vec<f32>>,
-    /// Linear price per unit.
-    penalties: Vec<f32>,
+    prices: Vec<Price>,
     /// Expected value and the inverse square of its standard deviation; 0 where nothing is expected.
     priors: Vec<(f32, f32)>,
 }
@@ -480,20 +508,20 @@ struct Solution {
 impl Unknowns {
     fn of_regions(rows: &[Row], shapes: &[Shape], n_regions: usize, channel: usize) -> Self {
         let mut slopes = vec![vec![0.0; rows.len()]; n_regions];
-        let mut penalties = vec![0.0; n_regions];
+        let mut prices = vec![Price::NONE; n_regions];
         for (k, shape) in shapes
             .iter()
             .enumerate()
             .filter(|(_, shape)| shape.is_even && shape.channels[channel])
         {
-            penalties[shape.region] = shape.penalty;
+            prices[shape.region] = shape.price;
             for (slope, row) in slopes[shape.region].iter_mut().zip(rows) {
                 *slope += row.response[k] / (READING_SIGMA * row.measured[channel]);
             }
         }
         Self {
             slopes,
-            penalties,
+            prices,
             priors: vec![(0.0, 0.0); n_regions],
         }
     }
@@ -512,7 +540,7 @@ impl Unknowns {
                 .enumerate()
                 .map(|(k, shape)| rows.iter().map(|row| slope(k, shape, row)).collect())
                 .collect(),
-            penalties: shapes.iter().map(|shape| shape.penalty).collect(),
+            prices: shapes.iter().map(|shape| shape.price).collect(),
             priors: shapes
                 .iter()
                 .map(|shape| {
@@ -550,8 +578,8 @@ impl Unknowns {
             }
         };
         let mut cost: f32 = deviations.iter().map(huber).sum();
-        for (value, (penalty, (expected, weight))) in values.iter().zip(self.penalties.iter().zip(&self.priors)) {
-            cost += penalty * value + weight * (value - expected).powi(2);
+        for (value, (price, (expected, weight))) in values.iter().zip(self.prices.iter().zip(&self.priors)) {
+            cost += price.total(*value) + weight * (value - expected).powi(2);
         }
         Solution {
             values,
@@ -563,8 +591,8 @@ impl Unknowns {
     /// Moves one unknown to its best value, at or above zero, the others held.
     fn improve(&self, k: usize, value: &mut f32, deviations: &mut [f32], weights: &[f32]) {
         let (expected, prior) = self.priors[k];
-        // Half the penalty, as the squares' own factor 2 is left out.
-        let mut gradient = prior * (expected - *value) - 0.5 * self.penalties[k];
+        // Half the price, as the squares' own factor 2 is left out.
+        let mut gradient = prior * (expected - *value) - 0.5 * self.prices[k].per_unit(*value);
         let mut curvature = prior;
         for ((slope, off), weight) in self.slopes[k].iter().zip(&*deviations).zip(weights) {
             gradient += weight * slope * off;
@@ -613,11 +641,11 @@ pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>)
             .filter(|&i| clipped.texels()[i] >> 3 != 0)
             .collect();
         let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
-        let penalty = penalty(&texels, far);
+        let price = price(&texels, far);
         regions.push(ClippedRegion {
             texels: if core.is_empty() { texels } else { core },
             channels,
-            penalty,
+            price,
         });
     }
     regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
@@ -626,7 +654,7 @@ pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>)
 
 /// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
 /// almost as bright as the region, nothing where it is much darker.
-fn penalty(region: &[usize], far: &Cube<Vec3>) -> f32 {
+fn price(region: &[usize], far: &Cube<Vec3>) -> Price {
     /// Distance at which the surroundings are looked at: two pixels of a ball of 70 pixels, radians.
     const RING_RAD: f32 = 0.1;
     /// Price per multiple of the clipping level where there is no edge at all.
@@ -648,10 +676,13 @@ fn penalty(region: &[usize], far: &Cube<Vec3>) -> f32 {
     }
     let level = mean(region);
     if front.is_empty() || level <= 0.0 {
-        return 0.0;
+        return Price::NONE;
     }
     let smoothness = ((mean(&front) / level - EDGE[0]) / (EDGE[1] - EDGE[0])).clamp(0.0, 1.0);
-    PRICE * smoothness * smoothness / level
+    Price {
+        at_zero: PRICE * smoothness * smoothness / level,
+        level,
+    }
 }
 
 #[cfg(test)]
@@ -722,7 +753,7 @@ mod tests {
         let regions = [ClippedRegion {
             texels,
             channels: [true; 3],
-            penalty: 0.0,
+            price: Price::NONE,
         }];
         let light = KnownLight {
             probe_m,
@@ -755,7 +786,7 @@ mod tests {
         let regions = [ClippedRegion {
             texels: vec![0, 1],
             channels: [true; 3],
-            penalty: 0.0,
+            price: Price::NONE,
         }];
         let (meter, nothing) = (LightMeter::default(), Occluders::default());
         let question = meter.question(&[], light, &regions, &nothing);

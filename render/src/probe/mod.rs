@@ -194,6 +194,12 @@ impl LightProbe {
         self.room.used_m
     }
 
+    /// Forgets what was seen, but not how far away the room is.
+    pub fn forget(&mut self) {
+        self.memory.fill(Memory::default());
+        self.n_updates = 0;
+    }
+
     /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere in
     /// the texel plus 8 times those clipped everywhere) and gives the
     /// light. Without a view of the scene (no pose) nothing is put back from the papers.

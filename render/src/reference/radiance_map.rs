@@ -1,6 +1,7 @@
 //! Probe picture to radiance cube with the ball, lens and picture models that the rest of the program uses.
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
+use mirrorball_calib::camera::LensModel;
 
 use crate::config::ProbeConfig;
 use crate::probe::cube::{Cube, FACES, face_direction};
@@ -57,9 +58,16 @@ fn pixel(view: &SceneView<'_>, optics: &ProbeOptics, config: &ProbeConfig, offse
         }
         ProbeOptics::Fisheye { lens_m } => *lens_m + offset_m,
     };
-    view.camera
-        .intrinsics
-        .project(view.camera_from_world.transform_point(point_m))
+    let in_camera = view.camera_from_world.transform_point(point_m);
+    let pixel = view.camera.intrinsics.project(in_camera)?;
+    match view.camera.intrinsics.lens {
+        LensModel::BrownConrady { .. } => Some(pixel),
+        // Two pixels of the rim are left out: beyond it the picture is black.
+        LensModel::KannalaBrandt { max_angle_rad, .. } => {
+            let rim_rad = max_angle_rad - 2.0 / view.camera.intrinsics.focal_px.x;
+            (in_camera.angle_between(DVec3::Z) <= rim_rad).then_some(pixel)
+        }
+    }
 }
 
 /// Mean over the places of a texel that the picture shows, if it shows at least half of them.

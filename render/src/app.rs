@@ -48,16 +48,16 @@ impl Frames {
     /// Opens a recording or subscribes to a daemon.
     ///
     /// # Errors
-    /// [`RenderError::Source`] when there is no recording, or the hand-over cannot be set up.
+    /// [`RenderError::Recording`] when there is none, [`RenderError::Handover`] when the hand-over cannot be set up.
     pub fn open(input: &Input, scene_camera: &str) -> Result<Self, RenderError> {
         match input {
             Input::Recording { folder, bad_frames } => {
                 let from = folder.display().to_string();
-                let failed = |source| RenderError::Source {
-                    from: from.clone(),
-                    source,
-                };
-                let player = Player::open(folder, Pace::Max, Repeat::ONCE).map_err(|e| failed(Box::new(e)))?;
+                let player =
+                    Player::open(folder, Pace::Max, Repeat::ONCE).map_err(|source| RenderError::Recording {
+                        folder: folder.clone(),
+                        source,
+                    })?;
                 // Cameras of a rig run at one rate, so this is right or nearly so; it only feeds the progress bar.
                 let n_frames = player.n_frames() / player.cameras().len().max(1);
                 let others: Vec<_> = player
@@ -68,8 +68,12 @@ impl Frames {
                     .collect();
                 let grouper = Grouper::new(scene_camera.into(), &others, DEFAULT_MAX_SKEW);
                 let (publisher, subscriber) = handover::lossless(READ_AHEAD);
-                let thread = play_in_thread(Box::new(player), grouper, publisher, *bad_frames)
-                    .map_err(|e| failed(Box::new(e)))?;
+                let thread = play_in_thread(Box::new(player), grouper, publisher, *bad_frames).map_err(|source| {
+                    RenderError::Handover {
+                        from: from.clone(),
+                        source,
+                    }
+                })?;
                 Ok(Self {
                     subscriber,
                     thread: Some(thread),
@@ -78,9 +82,9 @@ impl Frames {
                 })
             }
             Input::Live { service } => {
-                let subscriber = handover::subscribe_to(service).map_err(|e| RenderError::Source {
+                let subscriber = handover::subscribe_to(service).map_err(|source| RenderError::Handover {
                     from: service.clone(),
-                    source: Box::new(e),
+                    source,
                 })?;
                 Ok(Self {
                     subscriber,
@@ -172,7 +176,9 @@ impl App {
         match self.frames.subscriber.receive(PATIENCE) {
             Ok(Received::Set(set)) => match self.node.render(&set) {
                 Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
-                Err(error @ (RenderError::FrameSize { .. } | RenderError::Source { .. })) if self.frames.is_live() => {
+                Err(error @ (RenderError::FrameSize { .. } | RenderError::NoSceneFrame { .. }))
+                    if self.frames.is_live() =>
+                {
                     self.skip(&error);
                     Ok(Step::Waiting)
                 }
@@ -187,9 +193,9 @@ impl App {
                 self.skip(&error);
                 Ok(Step::Waiting)
             }
-            Err(error) => Err(RenderError::Source {
+            Err(source) => Err(RenderError::Handover {
                 from: self.frames.from.clone(),
-                source: Box::new(error),
+                source,
             }),
         }
     }
@@ -217,9 +223,9 @@ impl App {
 
     fn join_reader(&mut self) -> Result<(), RenderError> {
         if let Some(thread) = self.frames.thread.take() {
-            let stats = thread.join().map_err(|e| RenderError::Source {
+            let stats = thread.join().map_err(|source| RenderError::Handover {
                 from: self.frames.from.clone(),
-                source: Box::new(e),
+                source,
             })?;
             self.counts.skipped += stats.skipped_frames;
         }

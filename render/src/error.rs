@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use mirrorball_capture::{HandoverError, SourceError};
+
 /// Failure of the render node.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
@@ -53,14 +55,36 @@ pub enum RenderError {
         /// What is missing.
         message: &'static str,
     },
-    /// Frames cannot be had.
+    /// A recording cannot be played.
+    #[error("cannot play `{}`", folder.display())]
+    Recording {
+        /// Its folder.
+        folder: PathBuf,
+        /// Why.
+        #[source]
+        source: SourceError,
+    },
+    /// Frames do not come through.
     #[error("no frames from `{from}`")]
-    Source {
+    Handover {
         /// Recording or service.
         from: String,
         /// Why.
         #[source]
-        source: Box<dyn std::error::Error + Send + Sync>,
+        source: HandoverError,
+    },
+    /// A frame set lacks the camera that the picture comes from.
+    #[error("a frame set has no frame of camera `{camera}`, which the rig calls the scene camera")]
+    NoSceneFrame {
+        /// Camera's name.
+        camera: String,
+    },
+    /// The program cannot listen for signals.
+    #[error("cannot listen for Ctrl-C and SIGTERM")]
+    Signals {
+        /// Why.
+        #[source]
+        source: std::io::Error,
     },
     /// A frame is not what the rig says.
     #[error("frame {sequence} of camera `{camera}` is {found:?} pixels, the rig says {expected:?}")]
@@ -125,7 +149,10 @@ impl RenderError {
             Self::Mesh { .. } => Some("export the object as glTF 2.0 (.glb) with triangles".into()),
             Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
             Self::NoProbe { .. } => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
-            Self::Source { .. } => None,
+            Self::Recording { source, .. } => Some(source.hint().into()),
+            Self::Handover { source, .. } => Some(source.hint().into()),
+            Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
+            Self::Signals { .. } => None,
             Self::FrameSize { .. } => Some("give the rig file that belongs to this camera mode".into()),
             Self::NoAdapter { .. } => {
                 Some("install a Vulkan driver; `apt-get install mesa-vulkan-drivers` gives a software one".into())
@@ -148,10 +175,16 @@ impl RenderError {
             | Self::Mesh { .. }
             | Self::Rig(_)
             | Self::NoProbe { .. }
-            | Self::Source { .. }
+            | Self::Recording { .. }
+            | Self::NoSceneFrame { .. }
             | Self::FrameSize { .. }
             | Self::Write { .. } => true,
-            Self::NoAdapter { .. } | Self::NoDevice { .. } | Self::Gpu { .. } | Self::Window { .. } => false,
+            Self::Handover { source, .. } => source.is_bad_input(),
+            Self::NoAdapter { .. }
+            | Self::NoDevice { .. }
+            | Self::Gpu { .. }
+            | Self::Window { .. }
+            | Self::Signals { .. } => false,
         }
     }
 }

@@ -36,7 +36,7 @@ impl RenderNode {
     /// Without a pose, and before any light was measured, the picture comes back as it is.
     ///
     /// # Errors
-    /// [`RenderError::FrameSize`] or [`RenderError::Source`] for frames that the rig does not know,
+    /// [`RenderError::FrameSize`] or [`RenderError::NoSceneFrame`] for frames that the rig does not know,
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn render(&mut self, set: &FrameSet) -> Result<RenderedFrame, RenderError> {
         let started = Instant::now();

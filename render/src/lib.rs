@@ -9,7 +9,7 @@
 //! - [`tracker`]: markers to pose;
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
 //! - [`scene`]: virtual objects and phantoms;
-//! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`reference`] holds their CPU twins;
+//! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
 //! - [`output`]: files and window.
 //!
 //! Conventions are those of `mirrorball_calib`: world = main marker, z out of the paper; camera x right, y down, z forward;

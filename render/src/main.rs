@@ -200,10 +200,7 @@ fn load_rig(arguments: &InputArguments) -> Result<Rig, RenderError> {
 fn stop_flag() -> Result<Arc<AtomicBool>, RenderError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone()).map_err(|source| RenderError::Read {
-            file: PathBuf::from("(signals)"),
-            source,
-        })?;
+        signal_hook::flag::register(signal, stop.clone()).map_err(|source| RenderError::Signals { source })?;
     }
     Ok(stop)
 }

@@ -40,7 +40,7 @@ pub struct RenderedFrame {
     pub size_px: [u32; 2],
     /// The picture, 8-bit RGBA, rows from the top, encoded as the camera encodes.
     pub rgba: Vec<u8>,
-    /// Milliseconds per stage, in order; `gpu_` stages were timed by the GPU.
+    /// Milliseconds: `track`, `light`, `draw` and `total` by the clock, then every pass by the GPU under its own name.
     pub stages_ms: Vec<(&'static str, f64)>,
 }
 
@@ -169,9 +169,8 @@ impl RenderNode {
     /// The scene camera's frame of a set, checked against the rig.
     pub(crate) fn scene_frame<'a>(&self, set: &'a FrameSet) -> Result<&'a Frame, RenderError> {
         let camera = self.rig.scene_camera();
-        let frame = set.camera(&camera.name).ok_or_else(|| RenderError::Source {
-            from: camera.name.clone(),
-            source: "the frame set has no frame of the scene camera that the rig names".into(),
+        let frame = set.camera(&camera.name).ok_or_else(|| RenderError::NoSceneFrame {
+            camera: camera.name.clone(),
         })?;
         check_size(frame, camera)?;
         Ok(frame)

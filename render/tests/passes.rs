@@ -324,7 +324,8 @@ fn a_smooth_room_is_filtered_as_the_integral_says() {
     });
     prefilter(&mut stage, &environment);
     for (mip, errors) in (1..).zip(against_integrals(&stage, &environment, "smooth room")) {
-        assert!(errors.mean < 0.01 && errors.worst < 0.04, "mip {mip}: {errors:?}");
+        // Each sample reads a mip level coarser than its share of the lobe, against noise: where the room bends, 1 to 2 %.
+        assert!(errors.mean < 0.02 && errors.worst < 0.03, "mip {mip}: {errors:?}");
     }
 }
 
@@ -347,10 +348,12 @@ fn a_small_lamp_keeps_its_energy_at_every_roughness() {
         let ratio = energy(&cube.map(|t| t.x)) / exact;
         println!("lamp's energy, mip {mip}: {ratio}");
         // The lobe depends on the angle alone, so over the sphere it moves light and loses none.
-        assert!((ratio - 1.0).abs() < 0.05, "mip {mip}: {ratio} of the energy");
+        // The lobe's first sample is its axis, not the middle of a 64th: a per cent too narrow.
+        assert!((ratio - 1.0).abs() < 0.02, "mip {mip}: {ratio} of the energy");
     }
     for (mip, errors) in (1..).zip(against_integrals(&stage, &environment, "lamp")) {
-        assert!(errors.mean < 0.03 && errors.worst < 0.25, "mip {mip}: {errors:?}");
+        // A lamp of three degrees is the worst that a lobe sampled in so few places can meet.
+        assert!(errors.mean < 0.03 && errors.worst < 0.15, "mip {mip}: {errors:?}");
     }
 }
 

@@ -8,8 +8,12 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
 use crate::probe::cube::FACES;
 
-/// Samples per texel.
-pub const SAMPLES: u32 = 64;
+/// Samples per texel of a mip: twice as many for each rougher one, whose lobes are wider and whose texels are a quarter
+/// as many.
+#[must_use]
+pub fn samples_of_mip(mip: u32) -> u32 {
+    32 << mip
+}
 
 /// GGX alpha of a mip: the square of its perceptual roughness, which rises evenly from 0 to 1.
 #[must_use]
@@ -37,7 +41,12 @@ impl PrefilterSpecular {
         let mut bindings = Vec::new();
         for &slot in &glossy {
             for mip in 1..ENVIRONMENT_MIPS {
-                let lobe = Vec4::new(alpha_of_mip(mip), ENVIRONMENT_SIZE as f32, SAMPLES as f32, 0.0);
+                let lobe = Vec4::new(
+                    alpha_of_mip(mip),
+                    ENVIRONMENT_SIZE as f32,
+                    samples_of_mip(mip) as f32,
+                    0.0,
+                );
                 let lobe = gpu.buffer("prefilter_specular: lobe", &[lobe]);
                 let source = environments.radiance.create_view(&cube_view(slot, ENVIRONMENT_MIPS));
                 let out = environments.specular.create_view(&faces_view(slot, mip));

@@ -84,19 +84,22 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         // +y of the file becomes +z: a quarter turn about x.
         MeshUp::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
     };
-    for scene in parsed.document.scenes() {
-        for node in scene.nodes() {
-            read_node(
-                &node,
-                root,
-                &place,
-                &Payload {
-                    buffers: &buffers,
-                    images: &images,
-                },
-                &mut mesh,
-            )?;
-        }
+    // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
+    let shown = parsed
+        .document
+        .default_scene()
+        .or_else(|| parsed.document.scenes().next());
+    for node in shown.iter().flat_map(gltf::Scene::nodes) {
+        read_node(
+            &node,
+            root,
+            &place,
+            &Payload {
+                buffers: &buffers,
+                images: &images,
+            },
+            &mut mesh,
+        )?;
     }
     if mesh.indices.is_empty() {
         return Err(place.message("it holds no triangles"));

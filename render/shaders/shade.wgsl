@@ -93,11 +93,12 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         // Seen from behind (an open mesh) or an interpolated normal turned away at the outline.
         normal = normalize(normal - 1.01 * dot(normal, to_eye) * to_eye);
     }
-    // What a pixel's reflection sweeps is no sharper than a lobe of that width: alpha about half of it. The sweep is long
-    // and thin at outlines and bent edges, the lobe round: its width is between the two.
+    // What a pixel's reflection sweeps is no sharper than a lobe as wide: its deviation is 0.29 of the sweep, that of a
+    // reflected GGX lobe about 3 alpha. The sweep is long and thin at outlines and bent edges, the lobe round: its width
+    // is between the two.
     let mirrored = reflect(-to_eye, normalize(corner.normal));
     let swept_rad = sqrt(length(dpdx(mirrored)) * length(dpdy(mirrored)));
-    let least_roughness = sqrt(0.5 * max(swept_rad - TEXEL_RAD, 0.0));
+    let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
     var base_color = material.base_color.rgb;
     let layer = i32(material.parameters.z) - 1;
     if layer >= 0 {

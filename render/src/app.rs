@@ -56,7 +56,7 @@ impl Frames {
                 let player =
                     Player::open(folder, Pace::Max, Repeat::ONCE).map_err(|source| RenderError::Recording {
                         folder: folder.clone(),
-                        source,
+                        source: Box::new(source),
                     })?;
                 // Cameras of a rig run at one rate, so this is right or nearly so; it only feeds the progress bar.
                 let n_frames = player.n_frames() / player.cameras().len().max(1);
@@ -71,7 +71,7 @@ impl Frames {
                 let thread = play_in_thread(Box::new(player), grouper, publisher, *bad_frames).map_err(|source| {
                     RenderError::Handover {
                         from: from.clone(),
-                        source,
+                        source: Box::new(source),
                     }
                 })?;
                 Ok(Self {
@@ -84,7 +84,7 @@ impl Frames {
             Input::Live { service } => {
                 let subscriber = handover::subscribe_to(service).map_err(|source| RenderError::Handover {
                     from: service.clone(),
-                    source,
+                    source: Box::new(source),
                 })?;
                 Ok(Self {
                     subscriber,
@@ -195,7 +195,7 @@ impl App {
             }
             Err(source) => Err(RenderError::Handover {
                 from: self.frames.from.clone(),
-                source,
+                source: Box::new(source),
             }),
         }
     }
@@ -225,7 +225,7 @@ impl App {
         if let Some(thread) = self.frames.thread.take() {
             let stats = thread.join().map_err(|source| RenderError::Handover {
                 from: self.frames.from.clone(),
-                source,
+                source: Box::new(source),
             })?;
             self.counts.skipped += stats.skipped_frames;
         }

@@ -62,7 +62,7 @@ pub enum RenderError {
         folder: PathBuf,
         /// Why.
         #[source]
-        source: SourceError,
+        source: Box<SourceError>,
     },
     /// Frames do not come through.
     #[error("no frames from `{from}`")]
@@ -71,7 +71,7 @@ pub enum RenderError {
         from: String,
         /// Why.
         #[source]
-        source: HandoverError,
+        source: Box<HandoverError>,
     },
     /// A frame set lacks the camera that the picture comes from.
     #[error("a frame set has no frame of camera `{camera}`, which the rig calls the scene camera")]

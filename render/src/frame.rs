@@ -11,7 +11,7 @@ use crate::error::RenderError;
 use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
 use crate::node::{RenderNode, RenderedFrame, check_size};
 use crate::passes::radiance_map::gpu_probe;
-use crate::passes::shadow_map::{ShadowView, Sphere};
+use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::key_light::KeyLight;
 use crate::probe::radiance::{Picture, luminance};
 use crate::probe::{Light, ProbeOptics, SceneView};
@@ -155,10 +155,20 @@ impl RenderNode {
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
-        let work = (&mut passes.phantom_maps, scene, &scene.phantoms);
-        passes.shadow_map.record(gpu, &mut encoder, timer, work, &phantom_aims);
-        let work = (&mut passes.virtual_maps, scene, &scene.virtuals);
-        passes.shadow_map.record(gpu, &mut encoder, timer, work, &virtual_aims);
+        let work = ShadowWork {
+            maps: &mut passes.phantom_maps,
+            scene,
+            casters: &scene.phantoms,
+            aims: &phantom_aims,
+        };
+        passes.shadow_map.record(gpu, &mut encoder, timer, work);
+        let work = ShadowWork {
+            maps: &mut passes.virtual_maps,
+            scene,
+            casters: &scene.virtuals,
+            aims: &virtual_aims,
+        };
+        passes.shadow_map.record(gpu, &mut encoder, timer, work);
         passes.camera_depth.record(&mut encoder, timer, scene);
         passes.local_environment.record(&mut encoder, timer);
         passes.downsample.record(&mut encoder, timer);

@@ -87,8 +87,11 @@ fn ball_case() -> ProbeCase {
 }
 
 fn fisheye_case() -> ProbeCase {
-    let camera = support::rig().probe_camera().unwrap().clone();
-    let camera_from_world = camera.camera_from_world.unwrap();
+    let camera = support::rig()
+        .probe_camera()
+        .expect("the rig has a probe camera")
+        .clone();
+    let camera_from_world = camera.camera_from_world.expect("the probe stands still");
     let world_from_camera = camera_from_world.inverse();
     let frame = support::frame(&camera, 1, 2, |ray| room(world_from_camera.transform_vector(ray)));
     let optics = ProbeOptics::Fisheye {
@@ -119,14 +122,14 @@ fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2
     let pass = RadianceMap::new(gpu, near_m);
     let measured = pass
         .run(gpu, &mut Timer::new(gpu), (&camera, &probe, &picture))
-        .unwrap();
+        .expect("the device works");
     let view = SceneView {
         picture: Picture::new(&case.frame, &case.camera),
         camera: &case.camera,
         camera_from_world: case.camera_from_world,
     };
     let twin = reference::radiance_map::cube(&view, &case.optics, &config, near_m, ROOM_M);
-    [Cube::from_texels(near_m.size(), measured).unwrap(), twin]
+    [Cube::from_texels(near_m.size(), measured).expect("six faces"), twin]
 }
 
 fn assert_radiance_map(gpu: &Gpu, name: &str, case: &ProbeCase) {
@@ -432,7 +435,7 @@ fn gpu_harmonics(stage: &mut Stage, environment: &Cube<Vec3>, hit_m: &Cube<f32>)
     readback.record(&mut encoder);
     stage.gpu.queue.submit([encoder.finish()]);
     let mut coefficients = vec![Vec4::ZERO; bytes as usize / size_of::<Vec4>()];
-    readback.read(&stage.gpu, &mut coefficients).unwrap();
+    readback.read(&stage.gpu, &mut coefficients).expect("the device works");
     IrradianceSh {
         coefficients: std::array::from_fn(|i| coefficients[i].xyz()),
     }

@@ -42,6 +42,19 @@ struct Layer {
     drawn: Option<GpuAim>,
 }
 
+/// What is drawn into which maps.
+#[derive(Debug)]
+pub struct ShadowWork<'a> {
+    /// The maps.
+    pub maps: &'a mut ShadowMaps,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// The triangles that cast shadows.
+    pub casters: &'a IndexRange,
+    /// What each light's map shows; `None` for a dark light.
+    pub aims: &'a [Option<GpuAim>],
+}
+
 /// The pass.
 #[derive(Debug)]
 pub struct ShadowMapPass {
@@ -101,16 +114,20 @@ impl ShadowMapPass {
         }
     }
 
-    /// Draws `casters` for every light whose aim (`None` for a dark light) changed; returns how many were drawn.
+    /// Draws the casters for every light whose aim changed; returns how many were drawn.
     pub fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
-        work: (&mut ShadowMaps, &SceneBuffers, &IndexRange),
-        aims: &[Option<GpuAim>],
+        work: ShadowWork<'_>,
     ) -> usize {
-        let (maps, scene, casters) = work;
+        let ShadowWork {
+            maps,
+            scene,
+            casters,
+            aims,
+        } = work;
         let changed: Vec<(usize, GpuAim)> = aims
             .iter()
             .enumerate()

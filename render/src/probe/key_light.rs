@@ -97,7 +97,7 @@ impl LightChooser {
                 angular_radius_rad: cap_radius(area_sr),
             })
             .collect();
-        lights.extend(divided(bright, self.max_bright).iter().map(|region| region.light()));
+        lights.extend(divided(bright, self.max_bright).iter().map(Region::light));
         lights
     }
 

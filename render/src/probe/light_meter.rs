@@ -554,16 +554,15 @@ impl Unknowns {
 
     /// Non-negative least squares with Huber weights, by coordinate descent.
     fn solve(&self, rows: &[Row], channel: usize) -> Solution {
-        let n = self.slopes.len();
-        let mut values = vec![0.0f32; n];
+        let mut values = vec![0.0f32; self.slopes.len()];
         let unexplained =
             |row: &Row| (row.measured[channel] - row.known[channel]) / (READING_SIGMA * row.measured[channel]);
         let mut deviations: Vec<f32> = rows.iter().map(unexplained).collect();
         let mut weights = vec![1.0f32; rows.len()];
         for _ in 0..4 {
             for _ in 0..40 {
-                for k in 0..n {
-                    self.improve(k, &mut values[k], &mut deviations, &weights);
+                for (k, value) in values.iter_mut().enumerate() {
+                    self.improve(k, value, &mut deviations, &weights);
                 }
             }
             for (weight, off) in weights.iter_mut().zip(&deviations) {

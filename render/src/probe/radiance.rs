@@ -4,7 +4,7 @@ use glam::{DVec2, Mat3, Vec3};
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::Frame;
 
-/// A code from which on a channel counts as clipped: the brightest code stands for everything above it.
+/// The code at which a channel counts as clipped: the brightest code stands for everything above it.
 pub const CLIPPED_CODE: u8 = 255;
 
 /// A frame together with what its camera's codes mean.
@@ -67,7 +67,7 @@ impl<'a> Picture<'a> {
                         linear[code[2] as usize],
                     );
                 for (bit, &c) in code.iter().enumerate() {
-                    clipped |= u8::from(c >= CLIPPED_CODE) << bit;
+                    clipped |= u8::from(c == CLIPPED_CODE) << bit;
                 }
             }
         }

@@ -319,7 +319,7 @@ pub(crate) fn read_layer<T: bytemuck::Pod>(gpu: &Gpu, texture: &wgpu::Texture, m
     readback.record(&mut encoder);
     gpu.queue.submit([encoder.finish()]);
     let mut bytes = vec![0u8; (padded * height) as usize];
-    readback.read(gpu, &mut bytes).unwrap();
+    readback.read(gpu, &mut bytes).expect("the device works");
     bytes
         .chunks_exact(padded as usize)
         .flat_map(|r| bytemuck::pod_collect_to_vec(&r[..row as usize]))
@@ -332,7 +332,7 @@ pub(crate) fn read_cube(gpu: &Gpu, texture: &wgpu::Texture, mip: u32) -> Cube<Ve
         .flat_map(|face| read_layer::<[f16; 4]>(gpu, texture, mip, face))
         .map(|t| Vec4::from_array(t.map(f16::to_f32)))
         .collect();
-    Cube::from_texels(texture.width() >> mip, texels).unwrap()
+    Cube::from_texels(texture.width() >> mip, texels).expect("six faces")
 }
 
 /// Runs a compute shader over `n` items, the last binding being its results.
@@ -370,7 +370,7 @@ pub(crate) fn compute<T: bytemuck::Pod>(
     out.record(&mut encoder);
     gpu.queue.submit([encoder.finish()]);
     let mut items = vec![T::zeroed(); n];
-    out.read(gpu, &mut items).unwrap();
+    out.read(gpu, &mut items).expect("the device works");
     items
 }
 
@@ -384,6 +384,7 @@ pub(crate) struct Errors {
 
 impl Errors {
     /// Sums them up and says them, so that `--nocapture` shows how far below its bound each is.
+    #[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
     pub(crate) fn of(what: &str, errors: impl IntoIterator<Item = f32>) -> Self {
         let (mut sum, mut worst, mut n) = (0.0f64, 0.0f32, 0);
         for error in errors {

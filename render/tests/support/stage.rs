@@ -11,7 +11,7 @@ use mirrorball_render::passes::camera_depth::CameraDepth;
 use mirrorball_render::passes::direct::{DirectLight, Inputs};
 use mirrorball_render::passes::receive::Receive;
 use mirrorball_render::passes::shade::{SAMPLES, Shade};
-use mirrorball_render::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
+use mirrorball_render::passes::shadow_map::{ShadowMapPass, ShadowMaps, ShadowWork, Sphere, enclosing};
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
 
@@ -133,12 +133,20 @@ impl Stage {
             .gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let work = (&mut self.phantom_maps, &self.buffers, &self.buffers.phantoms);
-        self.shadow_map
-            .record(&self.gpu, &mut encoder, &mut self.timer, work, &phantom_aims);
-        let work = (&mut self.virtual_maps, &self.buffers, &self.buffers.virtuals);
-        self.shadow_map
-            .record(&self.gpu, &mut encoder, &mut self.timer, work, &virtual_aims);
+        let work = ShadowWork {
+            maps: &mut self.phantom_maps,
+            scene: &self.buffers,
+            casters: &self.buffers.phantoms,
+            aims: &phantom_aims,
+        };
+        self.shadow_map.record(&self.gpu, &mut encoder, &mut self.timer, work);
+        let work = ShadowWork {
+            maps: &mut self.virtual_maps,
+            scene: &self.buffers,
+            casters: &self.buffers.virtuals,
+            aims: &virtual_aims,
+        };
+        self.shadow_map.record(&self.gpu, &mut encoder, &mut self.timer, work);
         self.depth.record(&mut encoder, &mut self.timer, &self.buffers);
         self.receive
             .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.single());

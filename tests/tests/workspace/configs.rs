@@ -1,14 +1,12 @@
 //! Every file in `configs/` and every carried rig and scene is read by the code that it is for.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 
+use crate::support::data;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::{Pace, Player, Repeat};
 use mirrorball_render::config::RenderConfig;
 use mirrorball_render::scene::Scene;
-use support::data;
 
 fn configs() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"))

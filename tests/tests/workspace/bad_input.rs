@@ -1,11 +1,9 @@
 //! Bad input to the render node: exit code 2, and a message that names file and field.
 
-mod support;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use support::{data, program};
+use crate::support::{data, program};
 
 /// A copy of a carried recording with its scene, to be broken.
 struct Broken {
@@ -122,7 +120,7 @@ fn an_unreadable_mesh() {
 
 #[test]
 fn a_picture_of_the_wrong_size() {
-    if !support::has_adapter() {
+    if !crate::support::has_adapter() {
         return;
     }
     let broken = Broken::new();
@@ -139,7 +137,7 @@ fn an_output_folder_that_cannot_be_written() {
 
 #[test]
 fn a_frame_that_cannot_be_read_stops_or_is_skipped() {
-    if !support::has_adapter() {
+    if !crate::support::has_adapter() {
         return;
     }
     let broken = Broken::new();

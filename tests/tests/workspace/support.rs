@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 /// A folder below `tests/data`.
-pub fn data(path: &str) -> PathBuf {
+pub(crate) fn data(path: &str) -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/data")).join(path)
 }
 
 /// A program of the workspace, beside this test's own folder in the target directory.
-pub fn program(name: &str) -> Command {
+pub(crate) fn program(name: &str) -> Command {
     let test = std::env::current_exe().unwrap();
     let file = test.parent().unwrap().parent().unwrap().join(name);
     assert!(
@@ -23,11 +23,11 @@ pub fn program(name: &str) -> Command {
 }
 
 /// A child process that does not outlive the test.
-pub struct Running(pub Child);
+pub(crate) struct Running(pub(crate) Child);
 
 impl Running {
     /// Kills it at once, as `kill -9` does.
-    pub fn kill(mut self) {
+    pub(crate) fn kill(mut self) {
         self.0.kill().unwrap();
         self.0.wait().unwrap();
     }
@@ -41,14 +41,14 @@ impl Drop for Running {
 }
 
 /// Whether there is a Vulkan adapter. Without one a test says `SKIPPED: no adapter`, unless that is forbidden.
-pub fn has_adapter() -> bool {
+pub(crate) fn has_adapter() -> bool {
     let found = mirrorball_render::gpu::Gpu::open();
     if let Err(error) = &found {
         assert!(
             std::env::var_os("MIRRORBALL_REQUIRE_GPU").is_none(),
             "MIRRORBALL_REQUIRE_GPU is set, but {error}"
         );
-        println!("SKIPPED: no adapter");
+        eprintln!("SKIPPED: no adapter");
     }
     found.is_ok()
 }

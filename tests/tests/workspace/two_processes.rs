@@ -1,11 +1,9 @@
 //! Capture daemon and render node as two processes: each may be killed and come back.
 
-mod support;
-
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use support::{Running, data, has_adapter, program};
+use crate::support::{Running, data, has_adapter, program};
 
 /// How long anything may take before the test gives up; lavapipe on a busy machine is slow.
 const PATIENCE: Duration = Duration::from_secs(120);

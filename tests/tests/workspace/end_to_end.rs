@@ -1,12 +1,10 @@
 //! The carried recordings, rendered by the program and scored against the path-traced truth.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::{data, has_adapter, program};
 use mirrorball_tests::floors::{self, Floor};
 use mirrorball_tests::score::Score;
-use support::{data, has_adapter, program};
 
 /// Renders a carried recording and scores it.
 fn render_and_score(name: &str, out: &Path) -> Score {

@@ -44,7 +44,7 @@ impl Default for ProbeConfig {
             camera_radius_m: 0.05,
             min_view_cosine: 0.1,
             average_frames: 8,
-            change_ratio: 0.3,
+            change_ratio: 0.08,
         }
     }
 }

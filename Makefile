@@ -23,7 +23,7 @@ help:
 setup:
 	@scripts/setup.sh
 
-build:
+build: setup
 	cargo build --release --locked --workspace --bins
 
 demo: setup build

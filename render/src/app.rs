@@ -13,8 +13,6 @@ use crate::error::RenderError;
 use crate::node::{RenderNode, RenderedFrame};
 use crate::output::Sink;
 
-/// How long a step waits for a frame before it says that it is waiting.
-const PATIENCE: Duration = Duration::from_secs(2);
 /// Frame sets decoded ahead of the renderer.
 const READ_AHEAD: usize = 2;
 
@@ -48,7 +46,8 @@ impl Frames {
     /// Opens a recording or subscribes to a daemon.
     ///
     /// # Errors
-    /// [`RenderError::Recording`] when there is none, [`RenderError::Handover`] when the hand-over cannot be set up.
+    /// [`RenderError::Recording`] when there is none, [`RenderError::NoSceneFrame`] when the rig's scene camera took no part
+    /// in it, [`RenderError::Handover`] when the hand-over cannot be set up.
     pub fn open(input: &Input, scene_camera: &str) -> Result<Self, RenderError> {
         match input {
             Input::Recording { folder, bad_frames } => {
@@ -58,6 +57,11 @@ impl Frames {
                         folder: folder.clone(),
                         source: Box::new(source),
                     })?;
+                if !player.cameras().iter().any(|camera| &*camera.name == scene_camera) {
+                    return Err(RenderError::NoSceneFrame {
+                        camera: scene_camera.to_owned(),
+                    });
+                }
                 // Cameras of a rig run at one rate, so this is right or nearly so; it only feeds the progress bar.
                 let n_frames = player.n_frames() / player.cameras().len().max(1);
                 let others: Vec<_> = player
@@ -106,6 +110,8 @@ impl Frames {
 pub enum Step {
     /// A frame was rendered and stored.
     Rendered(Box<RenderedFrame>),
+    /// A frame came that could not be used.
+    Skipped,
     /// No frame came for a while.
     Waiting,
     /// The recording is over.
@@ -119,6 +125,8 @@ pub struct Counts {
     pub rendered: u64,
     /// Of these, frames without a pose.
     pub without_pose: u64,
+    /// Of these, frames for which no light was known yet: they are the camera's own.
+    pub without_light: u64,
     /// Frames that could not be read or did not fit the rig, skipped.
     pub skipped: u64,
     /// Frame sets that a newer one replaced before they were rendered.
@@ -168,19 +176,19 @@ impl App {
         }
     }
 
-    /// Takes the next frame set, renders it and hands the result to the sinks.
+    /// Takes the next frame set, waiting for it no longer than `patience`, renders it and hands the result to the sinks.
     ///
     /// # Errors
     /// Whatever stops the run. Live, a bad frame is counted and skipped instead.
-    pub fn step(&mut self) -> Result<Step, RenderError> {
-        match self.frames.subscriber.receive(PATIENCE) {
+    pub fn step(&mut self, patience: Duration) -> Result<Step, RenderError> {
+        match self.frames.subscriber.receive(patience) {
             Ok(Received::Set(set)) => match self.node.render(&set) {
                 Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
                 Err(error @ (RenderError::FrameSize { .. } | RenderError::NoSceneFrame { .. }))
                     if self.frames.is_live() =>
                 {
                     self.skip(&error);
-                    Ok(Step::Waiting)
+                    Ok(Step::Skipped)
                 }
                 Err(error) => Err(error),
             },
@@ -191,7 +199,7 @@ impl App {
             }
             Err(error) if self.frames.is_live() && error.is_skippable() => {
                 self.skip(&error);
-                Ok(Step::Waiting)
+                Ok(Step::Skipped)
             }
             Err(source) => Err(RenderError::Handover {
                 from: self.frames.from.clone(),
@@ -203,6 +211,7 @@ impl App {
     fn finish(&mut self, frame: RenderedFrame) -> Result<RenderedFrame, RenderError> {
         self.counts.rendered += 1;
         self.counts.without_pose += u64::from(frame.pose.camera_from_world().is_none());
+        self.counts.without_light += u64::from(!frame.is_lit);
         for sink in &mut self.sinks {
             sink.take(&frame, &self.node)?;
         }

@@ -53,7 +53,7 @@ impl Default for ProbeConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadowConfig {
-    /// Lights at fixed directions over the part of the sphere that light can come from, 0 ..= 112.
+    /// Lights at fixed directions over the part of the sphere that light can come from, 1 ..= 112.
     pub dome_lights: u32,
     /// Lights that follow the bright regions, 1 ..= 32.
     pub bright_lights: u32,
@@ -133,7 +133,7 @@ impl RenderConfig {
         within("probe.min_view_cosine", f64::from(probe.min_view_cosine), 0.02, 0.9)?;
         within("probe.average_frames", f64::from(probe.average_frames), 1.0, 64.0)?;
         within("probe.change_ratio", f64::from(probe.change_ratio), 0.01, 100.0)?;
-        within("shadow.dome_lights", f64::from(shadow.dome_lights), 0.0, 112.0)?;
+        within("shadow.dome_lights", f64::from(shadow.dome_lights), 1.0, 112.0)?;
         within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
         within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
         if ![9, 25, 49].contains(&shadow.pcf_taps) {

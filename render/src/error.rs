@@ -49,6 +49,26 @@ pub enum RenderError {
     /// The rig file is wrong.
     #[error("the rig cannot be used")]
     Rig(#[from] mirrorball_calib::rig::RigError),
+    /// Something is larger than the graphics adapter takes.
+    #[error("{what} of {wanted} is more than the adapter `{adapter}` takes: {limit}")]
+    TooLarge {
+        /// What, with its unit.
+        what: &'static str,
+        /// Size asked for.
+        wanted: u64,
+        /// Largest size.
+        limit: u64,
+        /// Name of the adapter.
+        adapter: String,
+    },
+    /// The scene camera's lens is wider than the renderer can draw through.
+    #[error("camera `{camera}` images {angle_deg:.0}° off its axis; the scene camera may at most 80°")]
+    LensTooWide {
+        /// Camera's name.
+        camera: String,
+        /// Its `max_angle_deg`.
+        angle_deg: f64,
+    },
     /// The rig lacks what the light probe needs.
     #[error("the rig has no light probe: {message}")]
     NoProbe {
@@ -73,8 +93,8 @@ pub enum RenderError {
         #[source]
         source: Box<HandoverError>,
     },
-    /// A frame set lacks the camera that the picture comes from.
-    #[error("a frame set has no frame of camera `{camera}`, which the rig calls the scene camera")]
+    /// The camera that the picture comes from gives no frames.
+    #[error("there are no frames of camera `{camera}`, which the rig calls the scene camera")]
     NoSceneFrame {
         /// Camera's name.
         camera: String,
@@ -148,6 +168,8 @@ impl RenderError {
             Self::Config { .. } | Self::Scene { .. } => Some("`configs/README.md` lists every key".into()),
             Self::Mesh { .. } => Some("export the object as glTF 2.0 (.glb) with triangles".into()),
             Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
+            Self::TooLarge { .. } => Some("lower it in the rig, the scene or `render.toml`".into()),
+            Self::LensTooWide { .. } => Some("use a lens up to 80° off axis for the scene camera".into()),
             Self::NoProbe { .. } => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
             Self::Recording { source, .. } => Some(source.hint().into()),
             Self::Handover { source, .. } => Some(source.hint().into()),
@@ -174,6 +196,8 @@ impl RenderError {
             | Self::Scene { .. }
             | Self::Mesh { .. }
             | Self::Rig(_)
+            | Self::TooLarge { .. }
+            | Self::LensTooWide { .. }
             | Self::NoProbe { .. }
             | Self::Recording { .. }
             | Self::NoSceneFrame { .. }

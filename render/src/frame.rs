@@ -9,7 +9,7 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
 use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
-use crate::node::{RenderNode, RenderedFrame, check_size};
+use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, check_size};
 use crate::passes::radiance_map::gpu_probe;
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::key_light::KeyLight;
@@ -20,7 +20,7 @@ use crate::probe::{Light, ProbeOptics, SceneView};
 const CASTER_HEIGHT_M: f32 = 0.03;
 /// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
 const SINGLE_TAP_SHARE: f32 = 0.02;
-/// How often the first probe picture is evaluated.
+/// How often the first probe picture is evaluated from which the room's distance can be told.
 const FIRST_LOOKS: u32 = 3;
 /// Room around a virtual object for the filter of its shadow, metres.
 const CASTER_MARGIN_M: f32 = 0.01;
@@ -71,6 +71,7 @@ impl RenderNode {
             sequence: frame.meta.sequence,
             timestamp_ns: frame.meta.timestamp_ns,
             pose,
+            is_lit: self.light.is_some(),
             size_px: self.rig.scene_camera().intrinsics.size_px,
             rgba,
             stages_ms,
@@ -92,7 +93,20 @@ impl RenderNode {
             return Ok(());
         };
         check_size(probe_frame, probe_camera)?;
-        if self.probe_sequence == Some(probe_frame.meta.sequence) {
+        let this = MeasuredFrame {
+            sequence: probe_frame.meta.sequence,
+            timestamp_ns: probe_frame.meta.timestamp_ns,
+            with_pose: pose.is_some(),
+        };
+        // The same picture again tells nothing new, unless only now the papers can be read.
+        if self.measured.is_some_and(|last| {
+            last == this
+                || last
+                    == MeasuredFrame {
+                        with_pose: true,
+                        ..this
+                    }
+        }) {
             return Ok(());
         }
         let camera = self.gpu_camera(probe_camera, &camera_from_world, probe_frame);
@@ -109,7 +123,11 @@ impl RenderNode {
             camera_from_world: *pose,
         });
         // The first look takes the room's distance for granted; with what it says of it, the next sees better.
-        let looks = if self.probe_sequence.is_none() { FIRST_LOOKS } else { 1 };
+        let looks = if pose.is_some() && !self.probe.knows_room() {
+            FIRST_LOOKS
+        } else {
+            1
+        };
         for look in 0..looks {
             if look > 0 {
                 self.probe.forget();
@@ -127,7 +145,7 @@ impl RenderNode {
                 .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
             self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
         }
-        self.probe_sequence = Some(probe_frame.meta.sequence);
+        self.measured = Some(this);
         Ok(())
     }
 

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use clap::{Args, Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -123,6 +124,7 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     tracing::info!(
         rendered = counts.rendered,
         without_pose = counts.without_pose,
+        without_light = counts.without_light,
         skipped = counts.skipped,
         missed = counts.missed,
         "done"
@@ -130,11 +132,14 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     Ok(())
 }
 
+/// How long to wait for a frame before saying so.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 fn run_headless(app: &mut App, should_stop: &dyn Fn() -> bool) -> Result<(), RenderError> {
     let bar = progress_bar(app.n_frames());
     let mut is_waiting = false;
     while !should_stop() {
-        match app.step()? {
+        match app.step(PATIENCE)? {
             Step::Rendered(frame) => {
                 is_waiting = false;
                 bar.set_message(match frame.pose.camera_from_world() {
@@ -143,6 +148,7 @@ fn run_headless(app: &mut App, should_stop: &dyn Fn() -> bool) -> Result<(), Ren
                 });
                 bar.inc(1);
             }
+            Step::Skipped => is_waiting = false,
             Step::Waiting => {
                 if !is_waiting {
                     tracing::info!("waiting for frames from the capture daemon");

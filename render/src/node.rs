@@ -1,6 +1,7 @@
 //! The render node: everything that lasts from frame to frame.
 
 use glam::Vec3;
+use mirrorball_calib::camera::LensModel;
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::{Frame, FrameSet};
 
@@ -9,7 +10,7 @@ use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::gpu::types::GpuCamera;
+use crate::gpu::types::{GpuCamera, MAX_LIGHTS};
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, DirectLight};
@@ -36,6 +37,8 @@ pub struct RenderedFrame {
     pub timestamp_ns: u64,
     /// Where the scene camera was.
     pub pose: TrackedPose,
+    /// Whether the light was known; without it the picture is the camera's own.
+    pub is_lit: bool,
     /// Columns and rows.
     pub size_px: [u32; 2],
     /// The picture, 8-bit RGBA, rows from the top, encoded as the camera encodes.
@@ -54,14 +57,23 @@ pub struct RenderNode {
     pub(crate) tracker: Tracker,
     pub(crate) probe: LightProbe,
     pub(crate) light: Option<Light>,
-    /// Sequence number of the probe frame that `light` comes from.
-    pub(crate) probe_sequence: Option<u64>,
+    /// The probe frame that `light` comes from.
+    pub(crate) measured: Option<MeasuredFrame>,
     pub(crate) timer: Timer,
     pub(crate) bounds: Bounds,
     pub(crate) pictures: Pictures,
     pub(crate) passes: Passes,
     pub(crate) scene: SceneBuffers,
     pub(crate) environments: Environments,
+}
+
+/// A probe frame that was taken in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct MeasuredFrame {
+    pub(crate) sequence: u64,
+    pub(crate) timestamp_ns: u64,
+    /// Whether the scene camera's pose was known, so that papers could be read.
+    pub(crate) with_pose: bool,
 }
 
 /// Spheres around parts of the scene, for the shadow maps.
@@ -106,11 +118,12 @@ impl RenderNode {
     /// # Errors
     /// [`RenderError::NoProbe`] when the rig has no light probe.
     pub fn new(gpu: Gpu, rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
+        check_limits(&gpu, &rig, &config)?;
         let optics = ProbeOptics::of_rig(&rig)?;
         let occluders = phantoms(scene, &rig);
         let bounds = Bounds::new(scene, &rig);
         let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
-        let buffers = SceneBuffers::new(&gpu, scene, &rig);
+        let buffers = SceneBuffers::new(&gpu, scene, &rig)?;
         let environments = Environments::new(&gpu, scene, &rig, &occluders);
         let camera = rig.scene_camera();
         let cube_size = config.probe.cube_size;
@@ -126,7 +139,7 @@ impl RenderNode {
             tracker: Tracker::new(&rig),
             timer: Timer::new(&gpu),
             light: None,
-            probe_sequence: None,
+            measured: None,
             gpu,
             rig,
             config,
@@ -174,6 +187,40 @@ impl RenderNode {
         })?;
         check_size(frame, camera)?;
         Ok(frame)
+    }
+}
+
+/// Refuses what the adapter cannot hold and lenses that cannot be drawn through.
+fn check_limits(gpu: &Gpu, rig: &Rig, config: &RenderConfig) -> Result<(), RenderError> {
+    /// Beyond this a vertex behind the image plane can still be in the picture.
+    const WIDEST_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
+    let limits = gpu.device.limits();
+    for camera in &rig.cameras {
+        let [width, height] = camera.intrinsics.size_px.map(u64::from);
+        gpu.within(
+            "a picture edge in pixels",
+            width.max(height),
+            u64::from(limits.max_texture_dimension_2d),
+        )?;
+        gpu.within(
+            "a picture in bytes",
+            4 * width * height,
+            limits.max_storage_buffer_binding_size,
+        )?;
+    }
+    let n_lights = u64::from(config.shadow.dome_lights + config.shadow.bright_lights);
+    gpu.within(
+        "a number of lights",
+        n_lights,
+        u64::from(limits.max_texture_array_layers).min(MAX_LIGHTS as u64),
+    )?;
+    let camera = rig.scene_camera();
+    match camera.intrinsics.lens {
+        LensModel::KannalaBrandt { max_angle_rad, .. } if max_angle_rad > WIDEST_RAD => Err(RenderError::LensTooWide {
+            camera: camera.name.clone(),
+            angle_deg: max_angle_rad.to_degrees(),
+        }),
+        LensModel::KannalaBrandt { .. } | LensModel::BrownConrady { .. } => Ok(()),
     }
 }
 

@@ -4,6 +4,7 @@ use glam::Vec4;
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::Frame;
 
+use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuMaterial, GpuObject, MAX_ENVIRONMENTS};
@@ -42,14 +43,21 @@ pub struct IndexRange {
 
 impl SceneBuffers {
     /// Uploads a scene.
-    #[must_use]
-    pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Self {
+    ///
+    /// # Errors
+    /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more base
+    /// colour pictures than the adapter takes.
+    pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Result<Self, RenderError> {
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let (mut objects, mut materials, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
         let mut n_virtual = 0u32;
         for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = subdivided(&object.mesh, MAX_EDGE_M);
+            let mesh = subdivided(&object.mesh, MAX_EDGE_M).ok_or_else(|| RenderError::Mesh {
+                file: object.file.clone(),
+                object: object.name.clone(),
+                message: "it is so large that its edges cannot be split for the lens; are its units metres?".into(),
+            })?;
             let (first_vertex, first_material) = (vertices.len() as u32, materials.len() as u32);
             vertices.extend(mesh.vertices.iter().map(|vertex| Vertex {
                 object: index as u32,
@@ -85,14 +93,20 @@ impl SceneBuffers {
         };
         objects.push(GpuObject::new(glam::Affine3A::IDENTITY, 0, 0));
         materials.push(<GpuMaterial as bytemuck::Zeroable>::zeroed());
-        Self {
+        let limits = gpu.device.limits();
+        gpu.within(
+            "a number of base colour pictures",
+            pictures.len() as u64,
+            u64::from(limits.max_texture_array_layers),
+        )?;
+        Ok(Self {
             vertices: gpu.buffer("scene: vertices", &or_one(vertices)),
             phantoms: indices("scene: phantom triangles", &phantoms),
             virtuals: indices("scene: virtual triangles", &virtuals),
             objects: gpu.buffer("scene: objects", &objects),
             materials: gpu.buffer("scene: materials", &materials),
             base_colors: upload_base_colors(gpu, &pictures),
-        }
+        })
     }
 }
 

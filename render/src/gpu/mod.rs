@@ -6,6 +6,8 @@ pub mod shader;
 pub mod timer;
 pub mod types;
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use crate::error::RenderError;
 
 /// A device, its queue, and what it is called.
@@ -23,6 +25,8 @@ pub struct Gpu {
     pub name: String,
     /// Whether passes can be timed on the device.
     pub has_timestamps: bool,
+    /// The first thing that the device complained of.
+    complaint: Arc<Mutex<Option<String>>>,
 }
 
 impl Gpu {
@@ -49,7 +53,7 @@ impl Gpu {
             } else {
                 wgpu::Features::empty()
             },
-            required_limits: wgpu::Limits::default(),
+            required_limits: adapter.limits(),
             ..wgpu::DeviceDescriptor::default()
         }))
         .map_err(|source| RenderError::NoDevice {
@@ -57,6 +61,15 @@ impl Gpu {
             source,
         })?;
         let name = format!("{} ({} {})", info.name, info.driver, info.driver_info);
+        let complaint = Arc::new(Mutex::new(None));
+        let noted = complaint.clone();
+        // Without a handler wgpu panics; with it the next wait says what was wrong.
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            noted
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .get_or_insert_with(|| error.to_string());
+        }));
         Ok(Self {
             instance,
             adapter,
@@ -64,20 +77,51 @@ impl Gpu {
             queue,
             name,
             has_timestamps,
+            complaint,
         })
     }
 
     /// Waits until all submitted work is done.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`] when the device is lost.
+    /// [`RenderError::Gpu`] when the device is lost or complained since it was opened.
     pub fn wait(&self, during: &'static str) -> Result<(), RenderError> {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
-            .map(|_| ())
             .map_err(|error| RenderError::Gpu {
                 during,
                 message: error.to_string(),
+            })?;
+        self.check(during)
+    }
+
+    /// Refuses `wanted` when it is above a `limit` of the adapter.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`].
+    pub fn within(&self, what: &'static str, wanted: u64, limit: u64) -> Result<(), RenderError> {
+        if wanted <= limit {
+            return Ok(());
+        }
+        Err(RenderError::TooLarge {
+            what,
+            wanted,
+            limit,
+            adapter: self.name.clone(),
+        })
+    }
+
+    /// Reports what the device complained of, if it did.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] with the first complaint.
+    pub fn check(&self, during: &'static str) -> Result<(), RenderError> {
+        let complaint = self.complaint.lock().unwrap_or_else(PoisonError::into_inner);
+        complaint.as_ref().map_or(Ok(()), |message| {
+            Err(RenderError::Gpu {
+                during,
+                message: message.clone(),
             })
+        })
     }
 }

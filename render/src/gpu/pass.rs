@@ -19,7 +19,7 @@ pub const VERTEX_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferL
 };
 
 impl Gpu {
-    /// A buffer that the shaders read, filled with `items` (at least one).
+    /// A buffer for any use on the GPU, filled with `items` (at least one).
     #[must_use]
     pub fn buffer<T: Pod>(&self, label: &str, items: &[T]) -> wgpu::Buffer {
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {

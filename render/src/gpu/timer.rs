@@ -12,6 +12,8 @@ const MAX_PASSES: usize = 32;
 pub struct Timer {
     queries: Option<(wgpu::QuerySet, Readback)>,
     names: Vec<&'static str>,
+    /// Whether this frame's time stamps were copied.
+    is_recorded: bool,
     period_ns: f32,
 }
 
@@ -30,6 +32,7 @@ impl Timer {
         Self {
             queries,
             names: Vec::with_capacity(MAX_PASSES),
+            is_recorded: false,
             period_ns: gpu.queue.get_timestamp_period(),
         }
     }
@@ -37,6 +40,7 @@ impl Timer {
     /// Forgets the passes of the last frame.
     pub fn start_frame(&mut self) {
         self.names.clear();
+        self.is_recorded = false;
     }
 
     /// Time stamps for work called `name`: one pass, or several in a row.
@@ -53,21 +57,23 @@ impl Timer {
     }
 
     /// Records the copy of the time stamps, after the frame's last pass.
-    pub fn record(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder) {
         if let Some((set, readback)) = &self.queries
             && !self.names.is_empty()
         {
             encoder.resolve_query_set(set, 0..2 * self.names.len() as u32, readback.buffer(), 0);
             readback.record(encoder);
+            self.is_recorded = true;
         }
     }
 
-    /// Milliseconds of each pass, in order, once the work is done; empty where the adapter has no time stamps.
+    /// Milliseconds of each pass, in order, once the work is done; empty where the adapter has no time stamps
+    /// or nothing was drawn.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn read_ms(&self, gpu: &Gpu) -> Result<Vec<(&'static str, f64)>, RenderError> {
-        let Some((_, readback)) = &self.queries else {
+        let Some((_, readback)) = self.queries.as_ref().filter(|_| self.is_recorded) else {
             return Ok(Vec::new());
         };
         let mut ticks = [0u64; 2 * MAX_PASSES];

@@ -1,7 +1,7 @@
-//! A live window: the picture, and in its title frame rate, latency and marker state. Escape quits.
+//! A live window: the picture, and in its title frame rate, latency from frame set to picture, and marker state. Escape quits.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, KeyEvent, WindowEvent};
@@ -15,6 +15,9 @@ use crate::gpu::pass::TextureShape;
 use crate::gpu::{Gpu, shader};
 use crate::node::RenderedFrame;
 use crate::tracker::TrackedPose;
+
+/// How long the window waits for a frame before it looks at the keyboard again.
+const PATIENCE: Duration = Duration::from_millis(20);
 
 /// Runs an app in a window until the recording ends, Escape is pressed or the window is closed.
 ///
@@ -84,7 +87,7 @@ impl ApplicationHandler for Viewer<'_> {
             self.stop(event_loop, Ok(()));
             return;
         }
-        match self.app.step() {
+        match self.app.step(PATIENCE) {
             Ok(Step::Rendered(frame)) => {
                 if let Some(shown) = &mut self.shown {
                     let title = self.rate.title(&frame);
@@ -94,8 +97,9 @@ impl ApplicationHandler for Viewer<'_> {
                     }
                 }
             }
+            Ok(Step::Skipped) => {}
             Ok(Step::Waiting) => {
-                if let Some(shown) = &self.shown {
+                if let Some(shown) = self.shown.as_ref().filter(|_| self.rate.has_paused()) {
                     shown.window.set_title("mirrorball: waiting for frames");
                 }
             }
@@ -122,6 +126,11 @@ struct Rate {
 }
 
 impl Rate {
+    /// Whether no frame came for two seconds.
+    fn has_paused(&self) -> bool {
+        self.last.is_none_or(|last| last.elapsed() > Duration::from_secs(2))
+    }
+
     fn title(&mut self, frame: &RenderedFrame) -> String {
         let now = Instant::now();
         if let Some(last) = self.last.replace(now) {

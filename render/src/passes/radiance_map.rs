@@ -39,13 +39,8 @@ impl RadianceMap {
         }
     }
 
-    /// Distances to the first phantom, for other passes.
-    #[must_use]
-    pub fn near_m(&self) -> &wgpu::Buffer {
-        &self.near_m
-    }
-
-    /// Measures the cube: rgb radiance; a 0 not seen, else 1 plus the bits of clipped channels.
+    /// Measures the cube: rgb radiance; a 0 not seen, else 1 plus the bits of channels clipped anywhere in the texel plus 8
+    /// times those clipped everywhere.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.

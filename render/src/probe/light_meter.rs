@@ -262,7 +262,7 @@ pub struct Question<'a> {
     light: KnownLight<'a>,
     n_regions: usize,
     shapes: Vec<Shape>,
-    /// Per reading, region and sample of the region: whether the paper sees it past the phantoms.
+    /// Per reading, shape and sample of the shape: whether the paper sees it past the phantoms.
     visible: Vec<Vec<Vec<bool>>>,
 }
 

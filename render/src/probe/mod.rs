@@ -194,6 +194,12 @@ impl LightProbe {
         self.room.used_m
     }
 
+    /// Whether papers have told how far away the room is.
+    #[must_use]
+    pub fn knows_room(&self) -> bool {
+        self.room.is_measured
+    }
+
     /// Forgets what was seen, but not how far away the room is.
     pub fn forget(&mut self) {
         self.memory.fill(Memory::default());
@@ -334,7 +340,11 @@ impl Room {
 }
 
 impl Memory {
+    /// Takes a measurement in; one that is no finite number (an exposure of almost nothing) is left out.
     fn take(&mut self, radiance: Vec3, clipped: u8, config: &ProbeConfig) {
+        if !radiance.is_finite() {
+            return;
+        }
         let (new, old) = (luminance(radiance), luminance(self.radiance));
         let has_changed =
             self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped & 7 != self.clipped & 7;

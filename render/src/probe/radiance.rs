@@ -78,12 +78,6 @@ impl<'a> Picture<'a> {
         let radiance = self.common_from_camera * (signal / (self.signal_per_radiance * vignetting));
         Some(Sample { radiance, clipped })
     }
-
-    /// Radiance from which on each of the camera's channels clips in the middle of the picture.
-    #[must_use]
-    pub fn clipping_radiance(&self) -> Vec3 {
-        self.common_from_camera * self.signal_per_radiance.recip()
-    }
 }
 
 /// Rec. 709 luminance of linear RGB.

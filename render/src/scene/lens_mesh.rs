@@ -7,11 +7,15 @@ use glam::Vec3;
 
 use super::{Mesh, Vertex};
 
+/// Most triangles that a mesh may become.
+const MAX_TRIANGLES: usize = 4_000_000;
+
 /// The mesh with every edge longer than `max_edge_m` split, so that neighbouring triangles still share their corners.
 ///
 /// Each round splits long edges at their middles (the same middle for both neighbours, hence no cracks).
+/// `None` when that would take more than four million triangles: the mesh is not in metres.
 #[must_use]
-pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Mesh {
+pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Option<Mesh> {
     const MAX_ROUNDS: u32 = 8;
     let mut mesh = mesh.clone();
     for _ in 0..MAX_ROUNDS {
@@ -20,8 +24,11 @@ pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Mesh {
         if mesh.indices.len() == before {
             break;
         }
+        if mesh.indices.len() / 3 > MAX_TRIANGLES {
+            return None;
+        }
     }
-    mesh
+    Some(mesh)
 }
 
 fn split_once(mesh: &Mesh, max_edge_m: f32) -> Mesh {
@@ -116,7 +123,7 @@ mod tests {
             ax in -1.0f32..1.0, ay in -1.0f32..1.0, bx in -1.0f32..1.0, by in -1.0f32..1.0, max in 0.1f32..0.5,
         ) {
             let before = mesh([Vec3::ZERO, Vec3::new(ax, ay, 0.0), Vec3::new(bx, by, 0.0)]);
-            let after = subdivided(&before, max);
+            let after = subdivided(&before, max).unwrap();
             prop_assert!((area(&before) - area(&after)).length() < 1e-4);
             for t in after.indices.chunks_exact(3) {
                 for (i, j) in [(0, 1), (1, 2), (2, 0)] {

@@ -5,7 +5,7 @@ mod lens_mesh;
 pub mod occluders;
 
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, Vec3};
 use mirrorball_calib::pose::Pose;
@@ -50,6 +50,8 @@ pub struct Object {
     pub kind: Kind,
     /// Where it stands.
     pub placement: Placement,
+    /// The glTF file that it came from.
+    pub file: PathBuf,
     /// Its triangles in the object's frame, z up, metres.
     pub mesh: Mesh,
 }
@@ -138,11 +140,13 @@ impl Scene {
                 ));
             }
             let placement = placement(entry, rig).map_err(|(field, message)| scene_error(field, message))?;
-            let mesh = gltf_mesh::load(&folder.join(&entry.mesh), &entry.name, entry.mesh_up)?;
+            let file = folder.join(&entry.mesh);
+            let mesh = gltf_mesh::load(&file, &entry.name, entry.mesh_up)?;
             objects.push(Object {
                 name: entry.name.clone(),
                 kind: entry.kind,
                 placement,
+                file,
                 mesh,
             });
         }

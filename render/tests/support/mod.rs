@@ -224,6 +224,7 @@ fn vertex(position: Vec3, normal: Vec3) -> Vertex {
 /// A scene of meshes that are already where they belong.
 pub(crate) fn scene(objects: impl IntoIterator<Item = (&'static str, Kind, Mesh)>) -> Scene {
     let object = |(name, kind, mesh): (&str, Kind, Mesh)| Object {
+        file: std::path::PathBuf::new(),
         name: name.to_owned(),
         kind,
         placement: Placement::World(Pose::identity()),

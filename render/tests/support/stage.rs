@@ -39,7 +39,7 @@ pub(crate) struct Stage {
 impl Stage {
     /// A stage for at most `n_lights` lights with shadow maps of `map_size` texels.
     pub(crate) fn new(gpu: Gpu, rig: &Rig, scene: &Scene, [map_size, n_lights]: [u32; 2]) -> Self {
-        let buffers = SceneBuffers::new(&gpu, scene, rig);
+        let buffers = SceneBuffers::new(&gpu, scene, rig).expect("the test scene fits");
         let environments = Environments::new(&gpu, scene, rig, &occluders(scene, Kind::Phantom));
         let size_px = rig.scene_camera().intrinsics.size_px;
         let camera = gpu.buffer("test: camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]);

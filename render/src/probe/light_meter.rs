@@ -16,8 +16,10 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::{Camera, Marker, Rig};
 use rayon::prelude::*;
 
+use super::clipped::{ClippedRegion, Price};
 use super::cube::Cube;
-use super::radiance::{Picture, luminance};
+use super::least_squares::Unknowns;
+use super::radiance::Picture;
 use super::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
 
@@ -59,44 +61,6 @@ pub struct Reading {
     paper: usize,
     /// Linear RGB.
     pub irradiance: Vec3,
-}
-
-/// A connected region of clipped texels.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ClippedRegion {
-    /// Texels of the cube.
-    pub texels: Vec<usize>,
-    /// Channels that clip anywhere in it.
-    pub channels: [bool; 3],
-    /// What it costs to add radiance.
-    pub price: Price,
-}
-
-/// Reluctance to add radiance to a region: `at_zero` squared standard deviations per unit for the first, less and less
-/// the more is added beyond `level` (the logarithm of Candès, Wakin and Boyd 2008, "Enhancing sparsity by reweighted l1
-/// minimization"): a region is either left alone or believed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Price {
-    /// Squared standard deviations per unit of radiance; 0 for a region with an edge.
-    pub at_zero: f32,
-    /// Radiance at which the price has halved, above 0.
-    pub level: f32,
-}
-
-impl Price {
-    /// No reluctance.
-    pub const NONE: Self = Self {
-        at_zero: 0.0,
-        level: 1.0,
-    };
-
-    fn per_unit(self, radiance: f32) -> f32 {
-        self.at_zero * self.level / (self.level + radiance)
-    }
-
-    fn total(self, radiance: f32) -> f32 {
-        self.at_zero * self.level * (radiance / self.level).ln_1p()
-    }
 }
 
 /// What the papers say about the light.
@@ -472,9 +436,9 @@ fn solve(rows: &[Row], shapes: &[Shape], n_regions: usize) -> (f32, Vec<Vec3>, f
     let mut residuals = Vec::with_capacity(3 * rows.len());
     for channel in 0..3 {
         let whole = Unknowns::of_regions(rows, shapes, n_regions, channel);
-        let regions = whole.solve(rows, channel);
+        let regions = whole.solve(unexplained(rows, channel));
         let split = Unknowns::of_shapes(rows, shapes, &regions.values, channel);
-        let solution = split.solve(rows, channel);
+        let solution = split.solve(unexplained(rows, channel));
         cost += solution.cost;
         residuals.extend(solution.deviations.iter().map(|off| off.abs() * READING_SIGMA));
         for (radiance, value) in missing.iter_mut().zip(&solution.values) {
@@ -489,20 +453,10 @@ fn solve(rows: &[Row], shapes: &[Shape], n_regions: usize) -> (f32, Vec<Vec3>, f
     )
 }
 
-/// Unknown radiances of one channel and what is thought of them beforehand.
-struct Unknowns {
-    /// Per unknown: its effect on every reading, in standard deviations of the reading per unit of radiance.
-    slopes: Vec<Vec<f32>>,
-    prices: Vec<Price>,
-    /// Expected value and the inverse square of its standard deviation; 0 where nothing is expected.
-    priors: Vec<(f32, f32)>,
-}
-
-struct Solution {
-    values: Vec<f32>,
-    /// Reading minus explanation, in standard deviations.
-    deviations: Vec<f32>,
-    cost: f32,
+/// What the known light leaves of every reading, in standard deviations.
+fn unexplained(rows: &[Row], channel: usize) -> Vec<f32> {
+    let of_row = |row: &Row| (row.measured[channel] - row.known[channel]) / (READING_SIGMA * row.measured[channel]);
+    rows.iter().map(of_row).collect()
 }
 
 impl Unknowns {
@@ -551,160 +505,11 @@ impl Unknowns {
                 .collect(),
         }
     }
-
-    /// Non-negative least squares with Huber weights, by coordinate descent.
-    fn solve(&self, rows: &[Row], channel: usize) -> Solution {
-        let mut values = vec![0.0f32; self.slopes.len()];
-        let unexplained =
-            |row: &Row| (row.measured[channel] - row.known[channel]) / (READING_SIGMA * row.measured[channel]);
-        let mut deviations: Vec<f32> = rows.iter().map(unexplained).collect();
-        let mut weights = vec![1.0f32; rows.len()];
-        for _ in 0..4 {
-            for _ in 0..40 {
-                for (k, value) in values.iter_mut().enumerate() {
-                    self.improve(k, value, &mut deviations, &weights);
-                }
-            }
-            for (weight, off) in weights.iter_mut().zip(&deviations) {
-                *weight = 1.0 / (off.abs() / 2.0).max(1.0);
-            }
-        }
-        let huber = |off: &f32| {
-            if off.abs() < 2.0 {
-                off * off
-            } else {
-                4.0 * off.abs() - 4.0
-            }
-        };
-        let mut cost: f32 = deviations.iter().map(huber).sum();
-        for (value, (price, (expected, weight))) in values.iter().zip(self.prices.iter().zip(&self.priors)) {
-            cost += price.total(*value) + weight * (value - expected).powi(2);
-        }
-        Solution {
-            values,
-            deviations,
-            cost,
-        }
-    }
-
-    /// Moves one unknown to its best value, at or above zero, the others held.
-    fn improve(&self, k: usize, value: &mut f32, deviations: &mut [f32], weights: &[f32]) {
-        let (expected, prior) = self.priors[k];
-        // Half the price, as the squares' own factor 2 is left out.
-        let mut gradient = prior * (expected - *value) - 0.5 * self.prices[k].per_unit(*value);
-        let mut curvature = prior;
-        for ((slope, off), weight) in self.slopes[k].iter().zip(&*deviations).zip(weights) {
-            gradient += weight * slope * off;
-            curvature += weight * slope * slope;
-        }
-        if curvature > 0.0 {
-            let step = (*value + gradient / curvature).max(0.0) - *value;
-            *value += step;
-            for (off, slope) in deviations.iter_mut().zip(&self.slopes[k]) {
-                *off -= slope * step;
-            }
-        }
-    }
-}
-
-/// Connected regions of texels whose `clipped` is not 0 and that are not on a phantom; largest first.
-///
-/// Bits 0 to 2: the channel clips somewhere in the texel; 3 to 5: everywhere in it. A lamp far above the clipping level
-/// clips every pixel that it touches, so the region of the former is half a pixel too wide all round, and at the ball's
-/// rim half a pixel is degrees; the latter, where there are any, are the lamp.
-#[must_use]
-pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) -> Vec<ClippedRegion> {
-    let wanted = |i: usize| clipped.texels()[i] != 0 && near_m.texels()[i] >= NOTHING_M;
-    let mut visited = vec![false; clipped.texels().len()];
-    let mut regions = Vec::new();
-    for start in 0..visited.len() {
-        if visited[start] || !wanted(start) {
-            continue;
-        }
-        visited[start] = true;
-        let mut texels = vec![start];
-        let mut next = 0;
-        while let Some(&texel) = texels.get(next) {
-            next += 1;
-            for neighbour in clipped.neighbours(texel) {
-                if !visited[neighbour] && wanted(neighbour) {
-                    visited[neighbour] = true;
-                    texels.push(neighbour);
-                }
-            }
-        }
-        let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
-        let core: Vec<usize> = texels
-            .iter()
-            .copied()
-            .filter(|&i| clipped.texels()[i] >> 3 != 0)
-            .collect();
-        let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
-        let price = price(&texels, far);
-        regions.push(ClippedRegion {
-            texels: if core.is_empty() { texels } else { core },
-            channels,
-            price,
-        });
-    }
-    regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
-    regions
-}
-
-/// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
-/// almost as bright as the region, nothing where it is much darker.
-fn price(region: &[usize], far: &Cube<Vec3>) -> Price {
-    /// Distance at which the surroundings are looked at: two pixels of a ball of 70 pixels, radians.
-    const RING_RAD: f32 = 0.1;
-    /// Price per multiple of the clipping level where there is no edge at all.
-    const PRICE: f32 = 40.0;
-    /// Brightness of the surroundings, relative to the region, from which on and up to which the price rises.
-    const EDGE: [f32; 2] = [0.35, 0.7];
-    let mean =
-        |texels: &[usize]| texels.iter().map(|&i| luminance(far.texels()[i])).sum::<f32>() / texels.len().max(1) as f32;
-    let steps = (RING_RAD * far.size() as f32 / (0.5 * PI)).ceil() as usize;
-    let mut seen: std::collections::HashSet<usize> = region.iter().copied().collect();
-    let mut front = region.to_vec();
-    for _ in 0..steps {
-        let grown: Vec<usize> = front
-            .iter()
-            .flat_map(|&i| far.neighbours(i))
-            .filter(|&i| seen.insert(i))
-            .collect();
-        front = grown;
-    }
-    let level = mean(region);
-    if front.is_empty() || level <= 0.0 {
-        return Price::NONE;
-    }
-    let smoothness = ((mean(&front) / level - EDGE[0]) / (EDGE[1] - EDGE[0])).clamp(0.0, 1.0);
-    Price {
-        at_zero: PRICE * smoothness * smoothness / level,
-        level,
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn regions_join_across_edges_of_the_cube() {
-        let mut clipped = Cube::filled(16, 0u8);
-        for i in 0..clipped.texels().len() {
-            let d = clipped.direction(i);
-            if d.dot(Vec3::new(1.0, 1.0, 0.0).normalize()) > 0.95 {
-                clipped.texels_mut()[i] = 1;
-            }
-            if d.dot(Vec3::NEG_Z) > 0.99 {
-                clipped.texels_mut()[i] = 6;
-            }
-        }
-        let regions = clipped_regions(&clipped, &Cube::filled(16, NOTHING_M), &Cube::filled(16, Vec3::ONE));
-        assert_eq!(regions.len(), 2);
-        assert_eq!(regions[0].channels, [true, false, false]);
-        assert_eq!(regions[1].channels, [false, true, true]);
-    }
 
     /// Papers facing up and tilted, around the origin, under a lamp at a known place.
     fn readings_under_lamp(lamp_m: Vec3, intensity: f32, ambient: f32) -> (LightMeter, Vec<Reading>) {

@@ -1,9 +1,11 @@
 //! The light probe: a measured radiance cube becomes light from every direction, with what the camera could not see or
 //! could not count put back.
 
+pub mod clipped;
 pub mod cube;
 pub mod fill;
 pub mod key_light;
+mod least_squares;
 pub mod light_meter;
 pub mod mirror_ball;
 pub mod radiance;
@@ -18,9 +20,10 @@ use rayon::prelude::*;
 use crate::config::{ProbeConfig, RenderConfig};
 use crate::error::RenderError;
 use crate::scene::occluders::Occluders;
+use clipped::clipped_regions;
 use cube::Cube;
 use key_light::{KeyLight, LightChooser};
-use light_meter::{KnownLight, LightMeter, MeterFit, clipped_regions};
+use light_meter::{KnownLight, LightMeter, MeterFit};
 use mirror_ball::MirrorBall;
 use radiance::{Picture, luminance};
 use surroundings::NOTHING_M;

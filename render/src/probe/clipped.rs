@@ -1,0 +1,149 @@
+//! Where the probe's picture is clipped, and which of those regions are likely to be lamps.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use super::cube::Cube;
+use super::radiance::luminance;
+use super::surroundings::NOTHING_M;
+
+/// A connected region of clipped texels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClippedRegion {
+    /// Texels of the cube.
+    pub texels: Vec<usize>,
+    /// Channels that clip anywhere in it.
+    pub channels: [bool; 3],
+    /// What it costs to add radiance.
+    pub price: Price,
+}
+
+/// Reluctance to add radiance to a region: `at_zero` squared standard deviations per unit for the first, less and less
+/// the more is added beyond `level` (the logarithm of Candès, Wakin and Boyd 2008, "Enhancing sparsity by reweighted l1
+/// minimization"): a region is either left alone or believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Price {
+    /// Squared standard deviations per unit of radiance; 0 for a region with an edge.
+    pub at_zero: f32,
+    /// Radiance at which the price has halved, above 0.
+    pub level: f32,
+}
+
+impl Price {
+    /// No reluctance.
+    pub const NONE: Self = Self {
+        at_zero: 0.0,
+        level: 1.0,
+    };
+
+    /// Price of the next unit when `radiance` is added already.
+    pub(super) fn per_unit(self, radiance: f32) -> f32 {
+        self.at_zero * self.level / (self.level + radiance)
+    }
+
+    /// Price of all of `radiance`.
+    pub(super) fn total(self, radiance: f32) -> f32 {
+        self.at_zero * self.level * (radiance / self.level).ln_1p()
+    }
+}
+
+/// Connected regions of texels whose `clipped` is not 0 and that are not on a phantom; largest first.
+///
+/// Bits 0 to 2: the channel clips somewhere in the texel; 3 to 5: everywhere in it. A lamp far above the clipping level
+/// clips every pixel that it touches, so the region of the former is half a pixel too wide all round, and at the ball's
+/// rim half a pixel is degrees; the latter, where there are any, are the lamp.
+#[must_use]
+pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) -> Vec<ClippedRegion> {
+    let wanted = |i: usize| clipped.texels()[i] != 0 && near_m.texels()[i] >= NOTHING_M;
+    let mut visited = vec![false; clipped.texels().len()];
+    let mut regions = Vec::new();
+    for start in 0..visited.len() {
+        if visited[start] || !wanted(start) {
+            continue;
+        }
+        visited[start] = true;
+        let mut texels = vec![start];
+        let mut next = 0;
+        while let Some(&texel) = texels.get(next) {
+            next += 1;
+            for neighbour in clipped.neighbours(texel) {
+                if !visited[neighbour] && wanted(neighbour) {
+                    visited[neighbour] = true;
+                    texels.push(neighbour);
+                }
+            }
+        }
+        let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
+        let core: Vec<usize> = texels
+            .iter()
+            .copied()
+            .filter(|&i| clipped.texels()[i] >> 3 != 0)
+            .collect();
+        let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
+        let price = price(&texels, far);
+        regions.push(ClippedRegion {
+            texels: if core.is_empty() { texels } else { core },
+            channels,
+            price,
+        });
+    }
+    regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
+    regions
+}
+
+/// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
+/// almost as bright as the region, nothing where it is much darker.
+fn price(region: &[usize], far: &Cube<Vec3>) -> Price {
+    /// Distance at which the surroundings are looked at: two pixels of a ball of 70 pixels, radians.
+    const RING_RAD: f32 = 0.1;
+    /// Price per multiple of the clipping level where there is no edge at all.
+    const PRICE: f32 = 40.0;
+    /// Brightness of the surroundings, relative to the region, from which on and up to which the price rises.
+    const EDGE: [f32; 2] = [0.35, 0.7];
+    let mean =
+        |texels: &[usize]| texels.iter().map(|&i| luminance(far.texels()[i])).sum::<f32>() / texels.len().max(1) as f32;
+    let steps = (RING_RAD * far.size() as f32 / (0.5 * PI)).ceil() as usize;
+    let mut seen: std::collections::HashSet<usize> = region.iter().copied().collect();
+    let mut front = region.to_vec();
+    for _ in 0..steps {
+        let grown: Vec<usize> = front
+            .iter()
+            .flat_map(|&i| far.neighbours(i))
+            .filter(|&i| seen.insert(i))
+            .collect();
+        front = grown;
+    }
+    let level = mean(region);
+    if front.is_empty() || level <= 0.0 {
+        return Price::NONE;
+    }
+    let smoothness = ((mean(&front) / level - EDGE[0]) / (EDGE[1] - EDGE[0])).clamp(0.0, 1.0);
+    Price {
+        at_zero: PRICE * smoothness * smoothness / level,
+        level,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_join_across_edges_of_the_cube() {
+        let mut clipped = Cube::filled(16, 0u8);
+        for i in 0..clipped.texels().len() {
+            let d = clipped.direction(i);
+            if d.dot(Vec3::new(1.0, 1.0, 0.0).normalize()) > 0.95 {
+                clipped.texels_mut()[i] = 1;
+            }
+            if d.dot(Vec3::NEG_Z) > 0.99 {
+                clipped.texels_mut()[i] = 6;
+            }
+        }
+        let regions = clipped_regions(&clipped, &Cube::filled(16, NOTHING_M), &Cube::filled(16, Vec3::ONE));
+        assert_eq!(regions.len(), 2);
+        assert_eq!(regions[0].channels, [true, false, false]);
+        assert_eq!(regions[1].channels, [false, true, true]);
+    }
+}

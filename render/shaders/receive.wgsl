@@ -6,18 +6,6 @@
 #import sh
 #import shadow
 
-@group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> frame: Frame;
-// Uniform, not storage: software drivers read storage one lane at a time.
-@group(0) @binding(2) var<uniform> lights: array<Light, 144>;
-@group(0) @binding(3) var<storage, read> objects: array<Object>;
-@group(0) @binding(4) var<uniform> environments: array<Environment, 16>;
-// Nine coefficients per environment, sixteen apart.
-@group(0) @binding(5) var<uniform> near_sh: array<vec4f, 256>;
-@group(0) @binding(6) var phantom_maps: texture_depth_2d_array;
-@group(0) @binding(7) var virtual_maps: texture_depth_2d_array;
-@group(0) @binding(8) var depth_sampler: sampler_comparison;
-
 #import direct
 
 // A loss of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.

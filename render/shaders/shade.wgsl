@@ -6,24 +6,13 @@
 #import sh
 #import shadow
 
-@group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> frame: Frame;
-// Uniform, not storage: software drivers read storage one lane at a time.
-@group(0) @binding(2) var<uniform> lights: array<Light, 144>;
-@group(0) @binding(3) var<storage, read> objects: array<Object>;
-@group(0) @binding(4) var<uniform> environments: array<Environment, 16>;
-// Nine coefficients per environment, sixteen apart.
-@group(0) @binding(5) var<uniform> near_sh: array<vec4f, 256>;
-@group(0) @binding(6) var phantom_maps: texture_depth_2d_array;
-@group(0) @binding(7) var virtual_maps: texture_depth_2d_array;
-@group(0) @binding(8) var depth_sampler: sampler_comparison;
+#import direct
+
 @group(0) @binding(9) var<storage, read> materials: array<Material>;
 @group(0) @binding(10) var specular: texture_cube_array<f32>;
 @group(0) @binding(11) var linear_sampler: sampler;
 @group(0) @binding(12) var base_colors: texture_2d_array<f32>;
 @group(0) @binding(13) var base_color_sampler: sampler;
-
-#import direct
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
 const LAST_SPECULAR_MIP: f32 = 5.0;

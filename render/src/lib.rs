@@ -3,7 +3,7 @@
 //! ```text
 //! FrameSet -> Tracker --TrackedPose--+
 //!          -> radiance_map -> LightProbe --Light--+-> shadow maps -> receive --ratio----+-> composite -> Sink
-//!                                                   +-> local light -> shade --radiance--+
+//!                                               +-> local light -> shade --radiance--+
 //! ```
 //!
 //! [`frame`] is one frame from top to bottom; everything else is a step of it:
@@ -17,8 +17,8 @@
 //! pixel centres at integers; metres, seconds, radians. Radiance is linear, in the rig's common RGB, from the probe to the
 //! composite pass, which encodes it once with the camera's own response.
 //!
-//! Invariants: nothing here reads a truth folder; only `main.rs`, `scene`, `config` and `output` touch files; a recording replayed
-//! twice gives the same poses bit for bit.
+//! Invariants: nothing here reads a truth folder; only `main.rs`, `scene`, `config` and `output` touch files; a recording
+//! replayed twice gives the same poses bit for bit.
 
 pub mod app;
 pub mod config;

@@ -1,5 +1,16 @@
-// Light from the key lights and from near things on a surface. The importing shader declares `frame`, `lights`,
-// `near_sh`, `phantom_maps`, `virtual_maps` and `depth_sampler`.
+// Light from the key lights and from near things on a surface: bindings 0 to 8 of group 0 (src/passes/direct.rs).
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> frame: Frame;
+// Uniform, not storage: software drivers read storage one lane at a time.
+@group(0) @binding(2) var<uniform> lights: array<Light, 144>;
+@group(0) @binding(3) var<storage, read> objects: array<Object>;
+@group(0) @binding(4) var<uniform> environments: array<Environment, 16>;
+// Nine coefficients per environment, sixteen apart.
+@group(0) @binding(5) var<uniform> near_sh: array<vec4f, 256>;
+@group(0) @binding(6) var phantom_maps: texture_depth_2d_array;
+@group(0) @binding(7) var virtual_maps: texture_depth_2d_array;
+@group(0) @binding(8) var depth_sampler: sampler_comparison;
 
 // Irradiance from real things near environment `slot`.
 fn near_irradiance(slot: u32, normal: vec3f) -> vec3f {

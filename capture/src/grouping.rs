@@ -250,18 +250,13 @@ mod tests {
             gain: 1.0,
             white_balance: [1.0; 3],
         };
-        let meta = FrameMeta {
-            camera: camera.into(),
-            sequence: timestamp_ns,
-            timestamp_ns,
-            exposure,
-        };
+        let meta = FrameMeta::new(camera.into(), timestamp_ns, timestamp_ns, exposure);
         let size = Size { width: 1, height: 1 };
         Frame {
             meta,
             size,
             format: PixelFormat::Rgb8,
-            pixels: [0; 3].into(),
+            pixels: vec![0; 3].into(),
         }
     }
 

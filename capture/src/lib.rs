@@ -23,14 +23,19 @@
 //! **What is not in here**: no GPU; no calibration (of a rig file only names, roles and sizes of the cameras are read);
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.
 
+pub mod controls;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
 pub mod playback;
+pub mod pool;
 pub mod recording;
 pub mod source;
 
-pub use frame::{Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Size};
+pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
+pub use frame::{
+    BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Pixels, Size, Ycbcr, YcbcrMatrix, YcbcrRange,
+};
 pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};

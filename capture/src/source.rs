@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::frame::{Frame, Size};
+use crate::frame::{Frame, PixelFormat, Size};
 
 /// What a camera of the rig is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +26,8 @@ pub struct CameraDescription {
     pub role: CameraRole,
     /// Width and height of every frame it sends.
     pub size: Size,
+    /// Layout of every frame it sends.
+    pub format: PixelFormat,
 }
 
 /// Longest camera name in bytes; frame sets that travel between processes have this much room for it.
@@ -53,7 +55,7 @@ pub enum Next {
 /// Promises every source keeps:
 /// - the frames of one camera come in rising order of time stamp and of sequence number;
 /// - time stamps of all cameras are on one monotonic clock;
-/// - a frame carries the exposure in force when it was taken and has its camera's size;
+/// - a frame carries the exposure in force when it was taken and has its camera's size and format;
 /// - frames of different cameras may come in any order.
 pub trait Source: Send {
     /// Cameras that send frames, in a fixed order; exactly one has the role [`CameraRole::Scene`].

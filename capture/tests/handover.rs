@@ -10,7 +10,7 @@ use iceoryx2::prelude::{NodeBuilder, ServiceName, ipc_threadsafe};
 use mirrorball_capture::handover::packet::{PacketError, encode, packet_bytes_of};
 use mirrorball_capture::handover::{self, PublishOutcome, READERS_MAX};
 use mirrorball_capture::{
-    CameraDescription, CameraRole, Exposure, Frame, FrameMeta, FrameSet, HandoverError, PixelFormat, Publisher,
+    CameraDescription, CameraRole, Exposure, Frame, FrameMeta, FrameSet, HandoverError, PixelFormat, Pixels, Publisher,
     Received, Size, Subscriber,
 };
 
@@ -50,6 +50,7 @@ fn cameras() -> [CameraDescription; 1] {
         name: "scene".into(),
         role: CameraRole::Scene,
         size: size(),
+        format: PixelFormat::Rgb8,
     }]
 }
 
@@ -71,13 +72,8 @@ fn set(sequence: u64) -> FrameSet {
         gain: 2.0,
         white_balance: [1.5, 1.0, 1.25],
     };
-    let meta = FrameMeta {
-        camera: "scene".into(),
-        sequence,
-        timestamp_ns: sequence * 1000,
-        exposure,
-    };
-    let pixels = (0..size().pixels() * 3)
+    let meta = FrameMeta::new("scene".into(), sequence, sequence * 1000, exposure);
+    let pixels: Vec<u8> = (0..size().pixels() * 3)
         .map(|index| (index as u64 + sequence) as u8)
         .collect();
     FrameSet {
@@ -85,7 +81,7 @@ fn set(sequence: u64) -> FrameSet {
             meta,
             size: size(),
             format: PixelFormat::Rgb8,
-            pixels,
+            pixels: pixels.into(),
         }],
     }
 }
@@ -118,7 +114,7 @@ fn sets_arrive_whole_and_in_order() {
                 panic!("{transport:?}")
             };
             assert_eq!(got.frames[0].meta, sent.frames[0].meta);
-            assert_eq!(got.frames[0].pixels, sent.frames[0].pixels);
+            assert_eq!(got.frames[0].pixels[..], sent.frames[0].pixels[..]);
         }
         assert_eq!(
             (subscriber.stats().received, subscriber.stats().missed),
@@ -232,8 +228,10 @@ fn newest_keeps_one_set_in_memory() {
     let (mut publisher, _subscriber) = handover::newest();
     let pixels: Vec<_> = (0..50)
         .map(|index| {
-            let set = set(index);
-            let pixels = Arc::downgrade(&set.frames[0].pixels);
+            let mut set = set(index);
+            let kept: Arc<[u8]> = set.frames[0].pixels.to_vec().into();
+            let pixels = Arc::downgrade(&kept);
+            set.frames[0].pixels = Pixels::from_owner(kept);
             publisher.publish(set).unwrap();
             pixels
         })

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use mirrorball_capture::handover::{self, READERS_MAX};
-use mirrorball_capture::{CameraDescription, CameraRole, Received, Size, Subscriber};
+use mirrorball_capture::{CameraDescription, CameraRole, PixelFormat, Received, Size, Subscriber};
 use support::{N_FRAMES, SIDES_PX, write_recording};
 
 mod support;
@@ -255,6 +255,7 @@ fn the_daemon_tells_bad_input_from_failure() {
         name: "scene".into(),
         role: CameraRole::Scene,
         size,
+        format: PixelFormat::Rgb8,
     };
     let _publisher = handover::publish_on(&taken.service, &[camera]).unwrap();
     let (code, log) = end_of(taken.start(&[]));

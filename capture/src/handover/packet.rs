@@ -1,9 +1,9 @@
-//! A frame set as bytes, for the way through shared memory. Version 1, native byte order, everything without padding:
+//! A frame set as bytes, for the way through shared memory. Version 2, native byte order, everything without padding:
 //!
 //! | bytes | what |
 //! | --- | --- |
 //! | 32 | the set: magic, version, number of frames, running number of the set, length of the packet |
-//! | 144 per frame | who, when, how, size, format, length of the pixels |
+//! | 184 per frame | who, when, how, size, format, length of the pixels |
 //! | the rest | the pixels of all frames in the same order |
 //!
 //! A reader believes nothing: whatever the bytes are, [`decode`] returns a frame set that keeps every promise of
@@ -13,17 +13,27 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::frame::{Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Size};
+use crate::frame::{
+    BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Size, Ycbcr, YcbcrMatrix, YcbcrRange,
+};
 use crate::source::{CAMERAS_MAX, CameraDescription, NAME_MAX_BYTES, SIDE_MAX_PX};
 
 /// First bytes of every packet.
 const MAGIC: [u8; 8] = *b"MIRRBALL";
 
 /// Version of the layout; raised with every change to it.
-pub const PACKET_VERSION: u32 = 1;
+pub const PACKET_VERSION: u32 = 2;
 
-/// The code of [`PixelFormat::Rgb8`].
-const FORMAT_RGB8: u32 = 1;
+/// Codes of the formats. To those of Y'CbCr the code of matrix and range is added.
+mod format_code {
+    pub(super) const RGB8: u32 = 1;
+    pub(super) const GREY8: u32 = 2;
+    pub(super) const MJPEG: u32 = 3;
+    pub(super) const YUYV: u32 = 16;
+    pub(super) const NV12: u32 = 32;
+    pub(super) const BT709: u32 = 1;
+    pub(super) const FULL_RANGE: u32 = 2;
+}
 
 /// What a packet begins with.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -51,6 +61,12 @@ struct FrameHeader {
     exposure_time_s: f64,
     gain: f64,
     white_balance: [f64; 3],
+    residual: [f64; 3],
+    bracket_step: u32,
+    lost_before: u32,
+    flags: u32,
+    /// Always 0.
+    reserved: u32,
 }
 
 const SET_HEADER_BYTES: usize = size_of::<SetHeader>();
@@ -95,7 +111,9 @@ pub enum PacketError {
         allowed: &'static str,
     },
     /// A frame has a pixel format this program does not know.
-    #[error("frame {frame_index} has pixel format {found}, known is 1 (8-bit RGB)")]
+    #[error(
+        "frame {frame_index} has pixel format {found}, known are 1 (RGB), 2 (grey), 3 (JPEG), 16..=19 (YUYV) and 32..=35 (NV12)"
+    )]
     Format {
         /// Index of the frame in the set.
         frame_index: usize,
@@ -104,7 +122,8 @@ pub enum PacketError {
     },
     /// A frame's size is out of range, or the length of its pixels does not follow from it.
     #[error(
-        "frame {frame_index} is {width}×{height} px with {pixel_bytes} bytes, allowed are 1..=16384 px with 3 each"
+        "frame {frame_index} is {width}×{height} px with {pixel_bytes} bytes, \
+         allowed are 1..=16384 px and the bytes of its format"
     )]
     FrameSize {
         /// Index of the frame in the set.
@@ -116,7 +135,7 @@ pub enum PacketError {
         /// Length of the pixels.
         pixel_bytes: u64,
     },
-    /// A frame's exposure time, gain or white balance is not a finite number above 0.
+    /// A frame's exposure time, gain, white balance or residual is not a finite number above 0.
     #[error("frame {frame_index} has {quantity} = {found}, allowed is a finite number above 0")]
     Exposure {
         /// Index of the frame in the set.
@@ -131,7 +150,7 @@ pub enum PacketError {
 /// Length of the packet of a set with one frame of each of `cameras`.
 #[must_use]
 pub fn packet_bytes_for(cameras: &[CameraDescription]) -> usize {
-    let frame_bytes = |camera: &CameraDescription| FRAME_HEADER_BYTES + camera.size.pixels() * 3;
+    let frame_bytes = |camera: &CameraDescription| FRAME_HEADER_BYTES + camera.format.max_bytes(camera.size);
     SET_HEADER_BYTES + cameras.iter().map(frame_bytes).sum::<usize>()
 }
 
@@ -199,7 +218,7 @@ pub fn decode(packet: &[u8]) -> Result<(u64, FrameSet), PacketError> {
         .collect();
     let mut expected_bytes = headers_bytes as u64;
     for (index, header) in headers.iter().enumerate() {
-        check_size(index, header)?;
+        check_format_and_size(index, header)?;
         expected_bytes += header.pixel_bytes;
     }
     for claimed_bytes in [expected_bytes, header.packet_bytes] {
@@ -261,14 +280,11 @@ fn header_of(frame_index: usize, frame: &Frame) -> Result<FrameHeader, PacketErr
         });
     }
     name[..camera.len()].copy_from_slice(camera.as_bytes());
-    check_exposure(frame_index, &frame.meta.exposure)?;
-    let format = match frame.format {
-        PixelFormat::Rgb8 => FORMAT_RGB8,
-    };
+    check_exposure(frame_index, &frame.meta.exposure, frame.meta.residual)?;
     let header = FrameHeader {
         name,
         name_bytes: u32::try_from(camera.len()).expect("the length was checked against a small maximum"),
-        format,
+        format: code_of(frame.format),
         width: frame.size.width,
         height: frame.size.height,
         pixel_bytes: frame.pixels.len() as u64,
@@ -277,9 +293,59 @@ fn header_of(frame_index: usize, frame: &Frame) -> Result<FrameHeader, PacketErr
         exposure_time_s: frame.meta.exposure.time_s,
         gain: frame.meta.exposure.gain,
         white_balance: frame.meta.exposure.white_balance,
+        residual: frame.meta.residual,
+        bracket_step: frame.meta.bracket_step,
+        lost_before: frame.meta.lost_before,
+        flags: frame.meta.flags.0,
+        reserved: 0,
     };
-    check_size(frame_index, &header)?;
+    check_format_and_size(frame_index, &header)?;
     Ok(header)
+}
+
+fn code_of(format: PixelFormat) -> u32 {
+    match format {
+        PixelFormat::Rgb8 => format_code::RGB8,
+        PixelFormat::Grey8 => format_code::GREY8,
+        PixelFormat::Mjpeg => format_code::MJPEG,
+        PixelFormat::Yuyv(ycbcr) => format_code::YUYV + code_of_ycbcr(ycbcr),
+        PixelFormat::Nv12(ycbcr) => format_code::NV12 + code_of_ycbcr(ycbcr),
+    }
+}
+
+fn code_of_ycbcr(ycbcr: Ycbcr) -> u32 {
+    let matrix = match ycbcr.matrix {
+        YcbcrMatrix::Bt601 => 0,
+        YcbcrMatrix::Bt709 => format_code::BT709,
+    };
+    let range = match ycbcr.range {
+        YcbcrRange::Limited => 0,
+        YcbcrRange::Full => format_code::FULL_RANGE,
+    };
+    matrix + range
+}
+
+fn format_of(code: u32) -> Option<PixelFormat> {
+    let ycbcr = Ycbcr {
+        matrix: if code & format_code::BT709 == 0 {
+            YcbcrMatrix::Bt601
+        } else {
+            YcbcrMatrix::Bt709
+        },
+        range: if code & format_code::FULL_RANGE == 0 {
+            YcbcrRange::Limited
+        } else {
+            YcbcrRange::Full
+        },
+    };
+    match code {
+        format_code::RGB8 => Some(PixelFormat::Rgb8),
+        format_code::GREY8 => Some(PixelFormat::Grey8),
+        format_code::MJPEG => Some(PixelFormat::Mjpeg),
+        _ if code & !3 == format_code::YUYV => Some(PixelFormat::Yuyv(ycbcr)),
+        _ if code & !3 == format_code::NV12 => Some(PixelFormat::Nv12(ycbcr)),
+        _ => None,
+    }
 }
 
 fn read_frame(frame_index: usize, header: &FrameHeader, pixels: &[u8]) -> Result<Frame, PacketError> {
@@ -288,12 +354,16 @@ fn read_frame(frame_index: usize, header: &FrameHeader, pixels: &[u8]) -> Result
         gain: header.gain,
         white_balance: header.white_balance,
     };
-    check_exposure(frame_index, &exposure)?;
+    check_exposure(frame_index, &exposure, header.residual)?;
     let meta = FrameMeta {
         camera: read_name(frame_index, header)?,
         sequence: header.sequence,
         timestamp_ns: header.timestamp_ns,
         exposure,
+        residual: header.residual,
+        bracket_step: header.bracket_step,
+        lost_before: header.lost_before,
+        flags: BufferFlags(header.flags),
     };
     let size = Size {
         width: header.width,
@@ -302,8 +372,8 @@ fn read_frame(frame_index: usize, header: &FrameHeader, pixels: &[u8]) -> Result
     Ok(Frame {
         meta,
         size,
-        format: PixelFormat::Rgb8,
-        pixels: pixels.into(),
+        format: check_format_and_size(frame_index, header)?,
+        pixels: pixels.to_vec().into(),
     })
 }
 
@@ -331,13 +401,11 @@ fn check_name_is_new(frame_index: usize, camera: &str, before: &[Frame]) -> Resu
     Ok(())
 }
 
-fn check_size(frame_index: usize, header: &FrameHeader) -> Result<(), PacketError> {
-    if header.format != FORMAT_RGB8 {
-        return Err(PacketError::Format {
-            frame_index,
-            found: header.format,
-        });
-    }
+fn check_format_and_size(frame_index: usize, header: &FrameHeader) -> Result<PixelFormat, PacketError> {
+    let format = format_of(header.format).ok_or(PacketError::Format {
+        frame_index,
+        found: header.format,
+    })?;
     let FrameHeader {
         width,
         height,
@@ -345,7 +413,8 @@ fn check_size(frame_index: usize, header: &FrameHeader) -> Result<(), PacketErro
         ..
     } = *header;
     let in_range = [width, height].iter().all(|side| (1..=SIDE_MAX_PX).contains(side));
-    if !in_range || u64::from(width) * u64::from(height) * 3 != pixel_bytes {
+    let admits = |n_bytes| format.admits(Size { width, height }, n_bytes);
+    if !in_range || !usize::try_from(pixel_bytes).is_ok_and(admits) {
         return Err(PacketError::FrameSize {
             frame_index,
             width,
@@ -353,10 +422,10 @@ fn check_size(frame_index: usize, header: &FrameHeader) -> Result<(), PacketErro
             pixel_bytes,
         });
     }
-    Ok(())
+    Ok(format)
 }
 
-fn check_exposure(frame_index: usize, exposure: &Exposure) -> Result<(), PacketError> {
+fn check_exposure(frame_index: usize, exposure: &Exposure, residual: [f64; 3]) -> Result<(), PacketError> {
     let [red, green, blue] = exposure.white_balance;
     let quantities = [
         ("exposure time", exposure.time_s),
@@ -364,6 +433,9 @@ fn check_exposure(frame_index: usize, exposure: &Exposure) -> Result<(), PacketE
         ("red white balance", red),
         ("green white balance", green),
         ("blue white balance", blue),
+        ("red residual", residual[0]),
+        ("green residual", residual[1]),
+        ("blue residual", residual[2]),
     ];
     match quantities
         .into_iter()
@@ -391,19 +463,20 @@ mod tests {
             white_balance: [1.5, 1.0, 1.25],
         };
         let meta = FrameMeta {
-            camera: camera.into(),
-            sequence: 7,
-            timestamp_ns: 1 << 40,
-            exposure,
+            residual: [1.0, 1.01, 0.99],
+            bracket_step: 2,
+            lost_before: 3,
+            flags: BufferFlags(0x2001),
+            ..FrameMeta::new(camera.into(), 7, 1 << 40, exposure)
         };
-        let pixels = (0..size.pixels() * 3)
+        let pixels: Vec<u8> = (0..size.pixels() * 3)
             .map(|index| (index as u8).wrapping_mul(seed))
             .collect();
         Frame {
             meta,
             size,
             format: PixelFormat::Rgb8,
-            pixels,
+            pixels: pixels.into(),
         }
     }
 
@@ -433,7 +506,7 @@ mod tests {
         for (frame, back) in set.frames.iter().zip(&back.frames) {
             assert_eq!(frame.meta, back.meta);
             assert_eq!((frame.size, frame.format), (back.size, back.format));
-            assert_eq!(frame.pixels, back.pixels);
+            assert_eq!(frame.pixels[..], back.pixels[..]);
         }
     }
 
@@ -476,7 +549,7 @@ mod tests {
         ));
         assert!(matches!(broken(|f| f.size.width = 3), PacketError::FrameSize { .. }));
         assert!(matches!(
-            broken(|f| f.pixels = [0; 5].into()),
+            broken(|f| f.pixels = vec![0; 5].into()),
             PacketError::FrameSize { .. }
         ));
         assert!(matches!(

@@ -168,12 +168,12 @@ fn parse_entry(line: &Line<'_>, cameras: &[CameraDescription]) -> Result<Entry, 
             line.positive(Column::WbB)?,
         ],
     };
-    let meta = FrameMeta {
-        camera: cameras[camera_index].name.clone(),
-        sequence: line.count(Column::Sequence)?,
-        timestamp_ns: line.count(Column::TimestampNs)?,
+    let meta = FrameMeta::new(
+        cameras[camera_index].name.clone(),
+        line.count(Column::Sequence)?,
+        line.count(Column::TimestampNs)?,
         exposure,
-    };
+    );
     Ok(Entry {
         line: line.number,
         camera_index,
@@ -236,7 +236,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::frame::Size;
+    use crate::frame::{PixelFormat, Size};
 
     fn cameras() -> Vec<CameraDescription> {
         let size = Size { width: 4, height: 2 };
@@ -245,6 +245,7 @@ mod tests {
                 name: name.into(),
                 role,
                 size,
+                format: PixelFormat::Rgb8,
             })
             .to_vec()
     }

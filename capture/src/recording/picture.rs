@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
-use std::sync::Arc;
 
 use image::{ColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 
@@ -14,7 +13,7 @@ use crate::source::{PictureError, SIDE_MAX_PX};
 const DECODER_MAX_BYTES: u64 = 64 << 20;
 
 /// Reads the PNG or JPEG picture at `path`, which must be 8-bit RGB and of size `expected`.
-pub(super) fn read_picture(path: &Path, expected: Size) -> Result<Arc<[u8]>, PictureError> {
+pub(super) fn read_picture(path: &Path, expected: Size) -> Result<Vec<u8>, PictureError> {
     let file = File::open(path).map_err(PictureError::Read)?;
     let mut reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
@@ -42,9 +41,8 @@ pub(super) fn read_picture(path: &Path, expected: Size) -> Result<Arc<[u8]>, Pic
             found: format!("{:?}", decoder.color_type()),
         });
     }
-    let mut pixels: Arc<[u8]> = std::iter::repeat_n(0, expected.pixels() * 3).collect();
-    let buffer = Arc::get_mut(&mut pixels).expect("nobody else has seen the new buffer");
-    decoder.read_image(buffer).map_err(decode_error)?;
+    let mut pixels = vec![0; expected.pixels() * 3];
+    decoder.read_image(&mut pixels).map_err(decode_error)?;
     Ok(pixels)
 }
 

@@ -131,7 +131,7 @@ impl Player {
                 meta,
                 size,
                 format: PixelFormat::Rgb8,
-                pixels,
+                pixels: pixels.into(),
             })),
             Err(source) => Err(SourceError::BadFrame {
                 camera: meta.camera.to_string(),

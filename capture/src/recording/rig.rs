@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::frame::Size;
+use crate::frame::{PixelFormat, Size};
 use crate::source::{CAMERAS_MAX, CameraDescription, CameraRole, NAME_MAX_BYTES, SIDE_MAX_PX, SourceError};
 
 #[derive(Deserialize)]
@@ -95,6 +95,7 @@ fn check_camera(path: &Path, camera: &RigCamera) -> Result<CameraDescription, So
         name: camera.name.as_str().into(),
         role,
         size: Size { width, height },
+        format: PixelFormat::Rgb8,
     })
 }
 

@@ -92,12 +92,12 @@ pub(crate) fn frame(camera: &Camera, sequence: u64, samples: u32, radiance: impl
 pub(crate) fn frame_of(camera: &Camera, sequence: u64, pixels: Vec<u8>) -> Frame {
     let [width, height] = camera.intrinsics.size_px;
     Frame {
-        meta: FrameMeta {
-            camera: Arc::from(camera.name.as_str()),
+        meta: FrameMeta::new(
+            Arc::from(camera.name.as_str()),
             sequence,
-            timestamp_ns: 40_000_000 * sequence,
-            exposure: EXPOSURE,
-        },
+            40_000_000 * sequence,
+            EXPOSURE,
+        ),
         size: Size { width, height },
         format: PixelFormat::Rgb8,
         pixels: pixels.into(),

@@ -32,6 +32,7 @@ pub mod playback;
 pub mod pool;
 pub mod recording;
 pub mod source;
+pub mod v4l2;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use decode::{DecodeError, to_rgb8};

@@ -98,6 +98,11 @@ impl AutoExposure {
         self.wanted = [None; 3];
     }
 
+    /// log2 of the exposure asked for last.
+    pub(super) fn asked_log2(&self) -> f64 {
+        self.asked_log2
+    }
+
     /// True while the exposure is on its way to another.
     pub(super) fn is_moving(&self) -> bool {
         self.is_moving

@@ -51,6 +51,11 @@ impl AutoWhiteBalance {
         *self = Self::new(asked);
     }
 
+    /// Gains asked for last, green is 1.
+    pub(super) fn asked(&self) -> [f64; 3] {
+        [self.asked[0].exp2(), 1.0, self.asked[1].exp2()]
+    }
+
     /// Takes a picture with the signals of unit radiance, `factors`, in force; `limit` gives the nearest white balance
     /// that the leader can have. Returns the white balance to ask for if it is another than before.
     pub(super) fn update(
@@ -77,7 +82,7 @@ impl AutoWhiteBalance {
         }
         let share = 1.0 - (-elapsed_s / SETTLE_S).exp();
         self.asked = std::array::from_fn(|index| self.asked[index] + share * (estimate[index] - self.asked[index]));
-        Some([self.asked[0].exp2(), 1.0, self.asked[1].exp2()])
+        Some(self.asked())
     }
 
     fn smooth(&mut self, seen: [f64; 2], elapsed_s: f64) -> [f64; 2] {

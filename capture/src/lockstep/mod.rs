@@ -369,10 +369,9 @@ impl Lockstep {
         if exposure_log2.is_none() && white_balance.is_none() {
             return;
         }
-        let before = *self.timeline.last();
         let ideal = Target {
-            exposure_s: exposure_log2.map_or(before.exposure_s, f64::exp2),
-            white_balance: white_balance.unwrap_or(before.white_balance),
+            exposure_s: self.auto_exposure.asked_log2().exp2(),
+            white_balance: self.auto_white_balance.asked(),
             time_s: None,
         };
         // What the leader's steps allow is the target, so that the leader's own picture needs no correction.

@@ -28,6 +28,8 @@ pub mod decode;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
+pub mod lockstep;
+pub mod meter;
 pub mod playback;
 pub mod pool;
 pub mod recording;
@@ -41,6 +43,7 @@ pub use frame::{
 };
 pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
+pub use meter::{Meter, Response, Statistics};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
 pub use pool::{HeapPool, Lease, Pool};
 pub use recording::{Pace, Player, Repeat};

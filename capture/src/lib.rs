@@ -31,6 +31,7 @@ pub mod playback;
 pub mod pool;
 pub mod recording;
 pub mod source;
+pub mod stamps;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use frame::{

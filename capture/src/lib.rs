@@ -35,6 +35,7 @@ pub mod pool;
 pub mod recording;
 pub mod source;
 pub mod v4l2;
+pub mod stamps;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use decode::{DecodeError, to_rgb8};

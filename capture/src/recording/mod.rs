@@ -9,6 +9,7 @@
 //! Everything but the pictures is checked when a recording is opened; pictures are read one at a time while it plays.
 
 mod format;
+pub mod mcap;
 mod picture;
 mod player;
 mod rig;

@@ -24,6 +24,7 @@
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.
 
 pub mod controls;
+pub mod decode;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
@@ -33,11 +34,13 @@ pub mod recording;
 pub mod source;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
+pub use decode::{DecodeError, to_rgb8};
 pub use frame::{
     BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Pixels, Size, Ycbcr, YcbcrMatrix, YcbcrRange,
 };
 pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
+pub use pool::{HeapPool, Lease, Pool};
 pub use recording::{Pace, Player, Repeat};
 pub use source::{CameraDescription, CameraRole, Next, Source, SourceError};

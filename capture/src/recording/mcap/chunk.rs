@@ -10,6 +10,7 @@ use super::records::{ChunkHead, Place, RECORD_HEAD_BYTES, Walker};
 pub(super) const CHUNK_MAX_BYTES: u64 = 1 << 30;
 
 /// The records of a chunk in memory.
+#[derive(Debug)]
 pub(super) struct Chunk {
     records: Bytes,
     walker: Walker<Cursor<Bytes>>,
@@ -29,6 +30,11 @@ impl Chunk {
         &mut self.walker
     }
 
+    /// The records as an input of their own, and their length.
+    pub(super) fn input(&self) -> (Cursor<Bytes>, u64) {
+        (Cursor::new(self.records.clone()), self.records.len() as u64)
+    }
+
     /// Bytes of a record that the walker has found, not copied.
     pub(super) fn slice(&self, start: u64, n_bytes: u64) -> Bytes {
         // The walker finds only what lies within the records, and those are in memory.
@@ -43,7 +49,10 @@ impl Chunk {
 /// If the system cannot read, its error; if the chunk is bad, what is wrong in words.
 pub(super) fn read_chunk<R: Read + Seek>(file: &mut Walker<R>, place: Place) -> io::Result<Result<Chunk, String>> {
     if place.n_bytes > CHUNK_MAX_BYTES {
-        return Ok(Err(format!("it has {} bytes, allowed are {CHUNK_MAX_BYTES}", place.n_bytes)));
+        return Ok(Err(format!(
+            "it has {} bytes, allowed are {CHUNK_MAX_BYTES}",
+            place.n_bytes
+        )));
     }
     let content = Bytes::from(file.read_vec(place.start, place.n_bytes)?);
     Ok(check_chunk(&content))
@@ -53,15 +62,27 @@ fn check_chunk(content: &Bytes) -> Result<Chunk, String> {
     let head = ChunkHead::parse(content).ok_or("it is too short")?;
     let packed = content.slice(head.n_bytes as usize..);
     if head.compressed_bytes != packed.len() as u64 {
-        return Err(format!("it has {} bytes of records, its head says {}", packed.len(), head.compressed_bytes));
+        return Err(format!(
+            "it has {} bytes of records, its head says {}",
+            packed.len(),
+            head.compressed_bytes
+        ));
     }
     let records = match head.compression {
         "" => packed,
         "lz4" => decompress(&packed, head.uncompressed_bytes)?,
-        other => return Err(format!("its compression `{other}` is not supported, allowed are none and `lz4`")),
+        other => {
+            return Err(format!(
+                "its compression `{other}` is not supported, allowed are none and `lz4`"
+            ));
+        }
     };
     if records.len() as u64 != head.uncompressed_bytes {
-        return Err(format!("it holds {} bytes, its head says {}", records.len(), head.uncompressed_bytes));
+        return Err(format!(
+            "it holds {} bytes, its head says {}",
+            records.len(),
+            head.uncompressed_bytes
+        ));
     }
     if head.crc != 0 && crc32fast::hash(&records) != head.crc {
         return Err("its check sum is wrong".to_owned());
@@ -71,12 +92,17 @@ fn check_chunk(content: &Bytes) -> Result<Chunk, String> {
 
 fn decompress(packed: &[u8], expected_bytes: u64) -> Result<Bytes, String> {
     if expected_bytes > CHUNK_MAX_BYTES {
-        return Err(format!("it would have {expected_bytes} bytes, allowed are {CHUNK_MAX_BYTES}"));
+        return Err(format!(
+            "it would have {expected_bytes} bytes, allowed are {CHUNK_MAX_BYTES}"
+        ));
     }
     let bad = |error: io::Error| format!("it cannot be decompressed: {error}");
     let mut records = Vec::new();
     let decoder = lz4::Decoder::new(packed).map_err(bad)?;
-    decoder.take(expected_bytes + 1).read_to_end(&mut records).map_err(bad)?;
+    decoder
+        .take(expected_bytes + 1)
+        .read_to_end(&mut records)
+        .map_err(bad)?;
     Ok(records.into())
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::chunk::{bounds_in_file, may_begin_at};
 use super::read_error::McapReadError;
-use super::records::{ChunkHead, Place, RECORD_HEAD_BYTES, Step, Walker, opcode};
+use super::records::{Place, RECORD_HEAD_BYTES, Step, Walker, opcode};
 
 /// First and last bytes of every MCAP file.
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
@@ -60,7 +60,10 @@ pub(super) struct McapFile {
 impl McapFile {
     /// Opens a file and checks its first bytes.
     pub(super) fn open(path: &Path) -> Result<Self, McapReadError> {
-        let open_error = |source| McapReadError::Open { path: path.to_path_buf(), source };
+        let open_error = |source| McapReadError::Open {
+            path: path.to_path_buf(),
+            source,
+        };
         let mut file = BufReader::new(File::open(path).map_err(open_error)?);
         let n_bytes = file.seek(io::SeekFrom::End(0)).map_err(open_error)?;
         let mut magic = [0; MAGIC.len()];
@@ -71,7 +74,9 @@ impl McapFile {
             Ok(magic == MAGIC)
         };
         if n_bytes < n_magic || !reads_magic_at(0).map_err(open_error)? {
-            return Err(McapReadError::NotMcap { path: path.to_path_buf() });
+            return Err(McapReadError::NotMcap {
+                path: path.to_path_buf(),
+            });
         }
         let has_last_bytes = n_bytes >= 2 * n_magic && reads_magic_at(n_bytes - n_magic).map_err(open_error)?;
         let end = if has_last_bytes { n_bytes - n_magic } else { n_bytes };
@@ -116,7 +121,11 @@ impl McapFile {
             Step::Broken => {
                 let from = self.walker.position();
                 // Behind the data there is only the summary, which nothing needs.
-                let next_chunk = if self.has_data_end { None } else { self.find_chunk(from + 1)? };
+                let next_chunk = if self.has_data_end {
+                    None
+                } else {
+                    self.find_chunk(from + 1)?
+                };
                 if let Some(to) = next_chunk {
                     self.walker.jump_to(to);
                     return Ok(Found::Damage { from, to });
@@ -146,12 +155,12 @@ impl McapFile {
         Ok(None)
     }
 
-    /// Places of the messages in an incomplete chunk that begins at `position`, as far as they can be told.
-    pub(super) fn messages_of_broken_chunk(&mut self, position: u64) -> io::Result<Vec<Place>> {
-        let end = self.walker.end();
-        let left = end.saturating_sub(position);
-        if left < RECORD_HEAD_BYTES + ChunkHead::MAX_BYTES || self.walker.read_vec(position, 1)? != [opcode::CHUNK] {
-            return Ok(Vec::new());
+    /// Counts the messages in an incomplete chunk that begins at `position`, as far as they can be told, on channels
+    /// for which `counts` is true.
+    pub(super) fn count_in_broken_chunk(&mut self, position: u64, counts: impl Fn(u16) -> bool) -> io::Result<u64> {
+        let left = self.walker.end().saturating_sub(position);
+        if left < RECORD_HEAD_BYTES || self.walker.read_vec(position, 1)? != [opcode::CHUNK] {
+            return Ok(0);
         }
         let rest = Place {
             opcode: opcode::CHUNK,
@@ -159,15 +168,16 @@ impl McapFile {
             n_bytes: left - RECORD_HEAD_BYTES,
         };
         let Some((start, end)) = bounds_in_file(&mut self.walker, rest)? else {
-            return Ok(Vec::new());
+            return Ok(0);
         };
         let mut walker = Walker::new(self.walker.input(), start, end);
-        let mut places = Vec::new();
+        let mut n_messages = 0;
         while let Step::Record(place) = walker.step()? {
             if place.opcode == opcode::MESSAGE {
-                places.push(place);
+                let head = walker.read_message_head(place)?;
+                n_messages += u64::from(head.is_some_and(|head| counts(head.channel)));
             }
         }
-        Ok(places)
+        Ok(n_messages)
     }
 }

@@ -13,14 +13,24 @@
 //!
 //! `configs/README.md` documents all fields.
 
+mod chunk;
 mod error;
+mod file;
 mod image;
 mod layout;
 mod output;
+mod player;
+mod read_error;
 mod recorder;
+mod records;
+mod rounds;
+mod survey;
 mod threads;
 mod writer;
 
 pub use error::{Kept, RecordError};
+pub use file::Ending;
 pub use layout::{EventKind, RecordingEvent};
+pub use player::{McapPlayer, McapPlayerStats};
+pub use read_error::McapReadError;
 pub use recorder::{ChunkCompression, Recorded, Recorder, RecorderOptions, RecorderStats};

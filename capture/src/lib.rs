@@ -28,10 +28,13 @@ pub mod decode;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
+pub mod lockstep;
+pub mod meter;
 pub mod playback;
 pub mod pool;
 pub mod recording;
 pub mod source;
+pub mod v4l2;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use decode::{DecodeError, to_rgb8};
@@ -40,6 +43,7 @@ pub use frame::{
 };
 pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
+pub use meter::{Meter, Response, Statistics};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
 pub use pool::{HeapPool, Lease, Pool};
 pub use recording::{Pace, Player, Repeat, open_recording};

@@ -47,5 +47,5 @@ pub use handover::{HandoverError, Publisher, Received, Subscriber};
 pub use meter::{Meter, Response, Statistics};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
 pub use pool::{HeapPool, Lease, Pool};
-pub use recording::{Pace, Player, Repeat};
+pub use recording::{Pace, Player, Repeat, open_recording};
 pub use source::{CameraDescription, CameraRole, Next, Source, SourceError};

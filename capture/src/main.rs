@@ -1,5 +1,7 @@
 //! The daemon: plays a recording as if it were cameras and publishes its frame sets to other processes.
 
+mod commands;
+
 use std::error::Error;
 use std::io::IsTerminal;
 use std::num::NonZeroU32;
@@ -28,6 +30,10 @@ struct Cli {
 enum Command {
     /// Plays an image-folder recording as if it were cameras.
     Play(PlayArgs),
+    /// Lists cameras with their formats and controls.
+    Devices(commands::devices::DevicesArgs),
+    /// Says what is wrong with a set-up of cameras, and what to do about it.
+    Doctor(commands::doctor::DoctorArgs),
 }
 
 #[derive(Debug, Args)]
@@ -105,8 +111,12 @@ fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
     log.with_ansi(is_terminal).with_target(false).init();
-    let Command::Play(args) = cli.command;
-    match play(&args) {
+    let result = match cli.command {
+        Command::Play(args) => play(&args),
+        Command::Devices(args) => return commands::finish(commands::devices::run(&args)),
+        Command::Doctor(args) => return commands::finish(commands::doctor::run(&args)),
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             print_error(&error);

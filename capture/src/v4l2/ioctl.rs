@@ -4,7 +4,7 @@
 //! kinds of control and on unknown colour spaces, its poll hides what it found, and it knows no events.
 //! Reference: Linux Media Userspace API, part I "Video for Linux API".
 
-use std::ffi::{c_char, c_void};
+use std::ffi::{CString, c_char, c_void};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -566,6 +566,18 @@ pub(super) fn monotonic_ns() -> u64 {
     // SAFETY: writes to a structure of ours. It cannot fail: the clock exists on every Linux.
     unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
+}
+
+/// Free bytes on the file system of a path.
+pub(super) fn free_bytes(path: &Path) -> io::Result<u64> {
+    let path = CString::new(path.as_os_str().as_encoded_bytes())?;
+    // SAFETY: a structure of integers.
+    let mut found: libc::statvfs = unsafe { std::mem::zeroed() };
+    // SAFETY: a text that ends in zero and a structure of ours, both borrowed during the call.
+    if unsafe { libc::statvfs(path.as_ptr(), &raw mut found) } == -1 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(found.f_bavail * found.f_frsize)
 }
 
 fn is_wide(control: &RawControl) -> bool {

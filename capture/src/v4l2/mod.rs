@@ -18,6 +18,7 @@
 mod buffers;
 mod colour;
 mod controls;
+pub mod doctor;
 
 mod enumerate;
 mod error;
@@ -28,8 +29,8 @@ mod losses;
 mod stream;
 
 use std::io;
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::sync::Arc;
 
 use v4l::v4l_sys as sys;
@@ -355,7 +356,7 @@ fn open_error(path: &Path, source: io::Error) -> V4l2Error {
 }
 
 /// Name of the group that a file belongs to, or its number.
-pub(crate) fn group_of(path: &Path) -> String {
+fn group_of(path: &Path) -> String {
     let Ok(metadata) = std::fs::metadata(path) else {
         return "video".into();
     };
@@ -367,11 +368,6 @@ pub(crate) fn group_of(path: &Path) -> String {
         (fields.nth(1)? == number).then(|| name.to_owned())
     });
     named.unwrap_or(number)
-}
-
-/// True for device nodes of the kind that cameras have.
-pub(crate) fn is_device_node(path: &PathBuf) -> bool {
-    std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_char_device())
 }
 
 /// Lists that a driver does not have are empty.

@@ -27,6 +27,8 @@ pub mod controls;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
+pub mod lockstep;
+pub mod meter;
 pub mod playback;
 pub mod pool;
 pub mod recording;
@@ -39,6 +41,7 @@ pub use frame::{
 };
 pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
+pub use meter::{Meter, Response, Statistics};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
 pub use recording::{Pace, Player, Repeat};
 pub use source::{CameraDescription, CameraRole, Next, Source, SourceError};

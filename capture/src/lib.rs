@@ -24,6 +24,7 @@
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.
 
 pub mod controls;
+pub mod daemon;
 pub mod decode;
 pub mod frame;
 pub mod grouping;
@@ -34,8 +35,8 @@ pub mod playback;
 pub mod pool;
 pub mod recording;
 pub mod source;
-pub mod v4l2;
 pub mod stamps;
+pub mod v4l2;
 
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use decode::{DecodeError, to_rgb8};

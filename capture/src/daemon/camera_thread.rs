@@ -279,7 +279,7 @@ impl CameraThread {
             None
         };
         if let Some(cause) = defect {
-            let sequence = self.checker.place(stamp);
+            let sequence = self.checker.place(stamp.sequence, stamp.dequeued_ns);
             self.ledger.lost(cause, sequence);
             return true;
         }
@@ -307,15 +307,9 @@ impl CameraThread {
     }
 
     fn take_loss(&mut self, loss: &Loss) {
-        let place = |sequence| {
-            self.checker.place(BufferStamp {
-                sequence,
-                stamp_ns: loss.dequeued_ns,
-                kind: StampKind::Other,
-                dequeued_ns: loss.dequeued_ns,
-            })
-        };
-        let sequence = loss.sequence.and_then(place);
+        let sequence = loss
+            .sequence
+            .and_then(|sequence| self.checker.place(sequence, loss.dequeued_ns));
         let cause = match loss.cause {
             v4l2::LossCause::ErrorFlag => LossCause::ErrorFrame,
             v4l2::LossCause::Short { .. } | v4l2::LossCause::Long { .. } => LossCause::ShortFrame,
@@ -334,7 +328,6 @@ impl CameraThread {
             empty_buffers: self.ledger.empty_buffers(),
             stamps: self.checker.counters(),
             basis: self.checker.basis(),
-            interval_ns: self.ledger.interval_ns(),
             opened: self.opened,
             restarts: self.restarts,
         };

@@ -80,7 +80,6 @@ pub(super) struct Tally {
     pub(super) empty_buffers: u64,
     pub(super) stamps: StampCounters,
     pub(super) basis: Option<StampBasis>,
-    pub(super) interval_ns: u64,
     pub(super) opened: u64,
     pub(super) restarts: u64,
 }

@@ -40,6 +40,7 @@ pub use controls::{AutoMode, ControlChange, ControlDescription, PowerLine, V4l2C
 pub use enumerate::{CameraAddress, CameraNode, UsbPlace, find, holders_of, list_nodes};
 pub use error::{ControlError, StreamError, V4l2Error};
 pub use format::{Choice, FormatKind, FormatOffer, Interval, Intervals, Negotiated, SizeOffer, Sizes, Wish, choose};
+pub(crate) use ioctl::monotonic_ns;
 pub use losses::{Loss, LossCause};
 pub use stream::{Method, Raw, StampClock, Stream, StreamSettings, Taken};
 

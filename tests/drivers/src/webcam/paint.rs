@@ -4,6 +4,7 @@
 //! the radiances plus that of the gain, through a table. Noise is in the luma alone.
 
 use super::counter::{BLOCK_PX, COUNTER_ROWS, block_luma};
+use super::jpeg::CountedJpeg;
 use super::noise::{NoiseTable, Random};
 use super::scene::{
     LOG_CODE_MAX, LOG_CODE_OF_ONE, LOG_STEPS_PER_STOP, Light, LinearPicture, Patches, Scene, linear_to_srgb,
@@ -28,7 +29,8 @@ pub(super) struct View<'a> {
 impl View<'_> {
     /// Mean green signal, which the automatic exposure goes by.
     pub(super) fn mean_signal(&self) -> f32 {
-        self.model.signal(self.scene.mean(self.picture_index), self.light, self.settings)[1]
+        self.model
+            .signal(self.scene.mean(self.picture_index), self.light, self.settings)[1]
     }
 }
 
@@ -60,6 +62,20 @@ pub(super) struct Painter {
     strip: Vec<u8>,
 }
 
+/// An RGB picture as rows of blocks, 8 pixels high, some of which are shown repeatedly.
+pub(super) struct BlockRows {
+    rgb: Vec<u8>,
+    order: Vec<usize>,
+}
+
+impl BlockRows {
+    /// Encodes the picture.
+    pub(super) fn encode(&self, width: usize) -> CountedJpeg {
+        let rows: Vec<&[u8]> = self.rgb.chunks_exact(width * BLOCK_PX * 3).collect();
+        CountedJpeg::encode(width, &rows, &self.order).expect("the encoder takes RGB pictures of our sizes")
+    }
+}
+
 /// By how much a strip is longer than its patch is wide; where it begins is drawn from this many pixels.
 const STRIP_PLAY_PX: usize = 256;
 
@@ -74,7 +90,12 @@ impl Painter {
                 (255.0 * linear_to_srgb(signal.min(1.0))).round() as u8
             })
             .collect();
-        Self { random, noise, code_of_log, strip: Vec::new() }
+        Self {
+            random,
+            noise,
+            code_of_log,
+            strip: Vec::new(),
+        }
     }
 
     /// Paints a picture of (width, height) into `out`, without counter. The width is even.
@@ -84,6 +105,23 @@ impl Painter {
             Scene::Patches(patches) => self.paint_patches(view, patches, pixels, (width, out)),
             Scene::Film(film) => self.paint_film(view, &film.pictures[view.picture_index], pixels, (width, out)),
         }
+    }
+
+    /// Paints an RGB picture as rows of blocks. A patch has a few different rows, which take turns.
+    pub(super) fn paint_block_rows(&mut self, view: View<'_>, (width, height): (usize, usize)) -> BlockRows {
+        const VARIANTS: usize = 3;
+        let n_rows = height / BLOCK_PX;
+        let (painted_rows, order) = match view.scene {
+            Scene::Patches(patches) => {
+                let patch_rows = patches.rows().max(1);
+                let variant = |row: usize| row * patch_rows / n_rows * VARIANTS + row % VARIANTS;
+                (patch_rows * VARIANTS, (0..n_rows).map(variant).collect())
+            }
+            Scene::Film(_) => (n_rows, (0..n_rows).collect()),
+        };
+        let mut rgb = Vec::new();
+        self.paint(view, Pixels::Rgb, (width, painted_rows * BLOCK_PX), &mut rgb);
+        BlockRows { rgb, order }
     }
 
     fn paint_patches(&mut self, view: View<'_>, patches: &Patches, pixels: Pixels, target: (usize, &mut [u8])) {
@@ -188,8 +226,9 @@ impl Painter {
 
 /// Draws the frame counter over the top left of a YUYV picture.
 pub(super) fn stamp_yuyv(picture: &mut [u8], width: usize, counter: u64) {
-    let row: Vec<u8> =
-        block_luma(counter).flat_map(|luma| [luma, 128].into_iter().cycle().take(2 * BLOCK_PX)).collect();
+    let row: Vec<u8> = block_luma(counter)
+        .flat_map(|luma| [luma, 128].into_iter().cycle().take(2 * BLOCK_PX))
+        .collect();
     for picture_row in picture.chunks_exact_mut(2 * width).take(COUNTER_ROWS) {
         picture_row[..row.len()].copy_from_slice(&row);
     }
@@ -199,7 +238,11 @@ pub(super) fn stamp_yuyv(picture: &mut [u8], width: usize, counter: u64) {
 fn yuv_from_rgb([r, g, b]: [f32; 3]) -> [f32; 3] {
     let luma = 0.299 * r + 0.587 * g + 0.114 * b;
     let chroma = |difference: f32, range: f32| 128.0 + difference / range * 112.0 / 127.5;
-    [16.0 + luma * 219.0 / 255.0, chroma(b - luma, 1.772), chroma(r - luma, 1.402)]
+    [
+        16.0 + luma * 219.0 / 255.0,
+        chroma(b - luma, 1.772),
+        chroma(r - luma, 1.402),
+    ]
 }
 
 /// The same in integers for two pixels, whose mean gives the colour.
@@ -224,12 +267,22 @@ mod tests {
     use std::sync::Arc;
     use std::time::Instant;
 
-    const SETTINGS: SensorSettings =
-        SensorSettings { exposure_100us: 100, gain: 0, white_balance_k: 6504, brightness: 0 };
+    const SETTINGS: SensorSettings = SensorSettings {
+        exposure_100us: 100,
+        gain: 0,
+        white_balance_k: 6504,
+        brightness: 0,
+    };
 
     fn paint(scene: &Scene, pixels: Pixels) -> Vec<u8> {
         let model = SensorModel::default();
-        let view = View { scene, picture_index: 0, light: Light::default(), model: &model, settings: SETTINGS };
+        let view = View {
+            scene,
+            picture_index: 0,
+            light: Light::default(),
+            model: &model,
+            settings: SETTINGS,
+        };
         let mut out = Vec::new();
         Painter::new(1).paint(view, pixels, (320, 240), &mut out);
         out
@@ -245,7 +298,11 @@ mod tests {
     fn a_grey_card_has_its_mean_to_a_tenth_of_a_code() {
         let picture = paint(&Scene::Patches(Patches::even([0.18; 3])), Pixels::Yuyv);
         let wanted = 16.0 + 117.65 * 219.0 / 255.0;
-        assert!((mean_yuyv(&picture, 0) - wanted).abs() < 0.15, "{}", mean_yuyv(&picture, 0));
+        assert!(
+            (mean_yuyv(&picture, 0) - wanted).abs() < 0.15,
+            "{}",
+            mean_yuyv(&picture, 0)
+        );
         assert!((mean_yuyv(&picture, 1) - 128.0).abs() < 0.15);
     }
 
@@ -253,7 +310,11 @@ mod tests {
     fn film_and_patches_agree() {
         let reflectance = [0.30, 0.18, 0.12];
         let still = LinearPicture::new(1, 1, &[reflectance]);
-        let film = Film { pictures: Arc::new(vec![still]), rate_hz: 1.0, start: Instant::now() };
+        let film = Film {
+            pictures: Arc::new(vec![still]),
+            rate_hz: 1.0,
+            start: Instant::now(),
+        };
         for pixels in [Pixels::Yuyv, Pixels::Rgb] {
             let patches = paint(&Scene::Patches(Patches::even(reflectance)), pixels);
             let film = paint(&Scene::Film(film.clone()), pixels);

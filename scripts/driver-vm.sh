@@ -170,7 +170,7 @@ boot() {
         -nodefaults -display none -serial stdio -no-reboot \
         -device isa-debug-exit,iobase=0xf4,iosize=4 \
         -kernel "$kernel/vmlinux" -initrd "$kernel/initramfs.cpio" \
-        -append "console=ttyS0 quiet panic=-1 nokaslr mitigations=off no_timer_check tsc=reliable random.trust_cpu=on \
+        -append "console=ttyS0 loglevel=3 panic=-1 nokaslr mitigations=off no_timer_check tsc=reliable random.trust_cpu=on \
 apparmor=0 audit=0 cryptomgr.notests nmi_watchdog=0 usbcore.autosuspend=-1" \
         -fsdev local,id=host,path=/,security_model=none,readonly=on,multidevs=remap \
         -device virtio-9p-pci,fsdev=host,mount_tag=host \

@@ -272,6 +272,11 @@ mod tests {
         assert!(
             (warm_r - 2.19).abs() < 0.05 && (warm_b - 0.27).abs() < 0.03,
             "{warm_r} {warm_b}"
+        // CIE illuminant A is at x 0.4476, y 0.4074; the matrix of Rec. 709 makes that (1.8460, 0.8259, 0.2333).
+        let [r, g, b] = planckian_rec709(2856.0);
+        assert!(
+            (r / g - 2.235).abs() < 0.01 && (b / g - 0.2825).abs() < 0.005,
+            "{r} {g} {b}"
         );
         let cold = planckian_rgb(12_000.0);
         assert!(cold[0] < 1.0 && cold[2] > 1.0);

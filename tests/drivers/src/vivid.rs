@@ -57,9 +57,15 @@ impl VividFault {
 /// # Errors
 /// The driver's; `NotFound` where the camera has no such control.
 pub fn set(camera: &RawCamera, fault: VividFault, value: i32) -> io::Result<()> {
-    let control = camera.controls().into_iter().find(|control| control.name == fault.control_name());
+    let control = camera
+        .controls()
+        .into_iter()
+        .find(|control| control.name == fault.control_name());
     let control = control.ok_or_else(|| {
-        io::Error::new(io::ErrorKind::NotFound, format!("no control `{}`; is this vivid?", fault.control_name()))
+        io::Error::new(
+            io::ErrorKind::NotFound,
+            format!("no control `{}`; is this vivid?", fault.control_name()),
+        )
     })?;
     camera.set_control(control.id, value)
 }
@@ -86,6 +92,14 @@ pub fn nodes() -> Vec<PathBuf> {
 /// # Errors
 /// What the module loader says.
 pub fn reload() -> io::Result<()> {
+    reload_with(2)
+}
+
+/// The same with this many webcams, 1 to 64.
+///
+/// # Errors
+/// What the module loader says.
+pub fn reload_with(n_cameras: usize) -> io::Result<()> {
     const FOLDER: &str = "/run/driver-vm";
     let run = |arguments: &[&str]| {
         let output = Command::new(format!("{FOLDER}/busybox")).args(arguments).output()?;
@@ -96,5 +110,20 @@ pub fn reload() -> io::Result<()> {
     };
     run(&["rmmod", "vivid"])?;
     let module = format!("{FOLDER}/modules/vivid.ko");
-    run(&["insmod", &module, "n_devs=2", "node_types=0x1,0x1", "num_inputs=1,1", "input_types=0,0"])
+    let for_each = |name: &str, value: &str| format!("{name}={}", vec![value; n_cameras].join(","));
+    let count = format!("n_devs={n_cameras}");
+    // Type 0x1 is a camera, input 0 a webcam.
+    let parameters = [
+        for_each("node_types", "0x1"),
+        for_each("num_inputs", "1"),
+        for_each("input_types", "0"),
+    ];
+    run(&[
+        "insmod",
+        &module,
+        &count,
+        &parameters[0],
+        &parameters[1],
+        &parameters[2],
+    ])
 }

@@ -3,6 +3,7 @@
 mod streaming;
 mod v4l2_support;
 mod v4l2_vivid;
+mod v4l2_webcam;
 
 use crate::Case;
 
@@ -22,6 +23,7 @@ pub(crate) fn all() -> Vec<Case> {
             run: streaming::webcams_stream_mjpeg,
         },
     ];
+    all.extend(v4l2_webcam::CASES);
     all.extend(v4l2_vivid::CASES);
     all
 }

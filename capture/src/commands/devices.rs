@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 use mirrorball_capture::v4l2::{
-    Camera, CameraAddress, CameraNode, ControlDescription, FormatOffer, Intervals, Sizes, V4l2Error, list_nodes,
+    Camera, CameraAddress, CameraNode, ControlDescription, FormatKind, FormatOffer, Intervals, Sizes, V4l2Error,
+    list_nodes,
 };
 use serde_json::{Value, json};
 
@@ -68,7 +69,11 @@ fn print(out: &mut impl Write, node: &CameraNode, inside: &Result<Inside, V4l2Er
         Err(error) => return writeln!(out, "  error: {error}\n  hint: {}", error.hint()),
     };
     writeln!(out, "  driver: {} at {}", inside.driver, inside.bus)?;
-    for format in &inside.formats {
+    let (ours, others): (Vec<_>, Vec<_>) = inside
+        .formats
+        .iter()
+        .partition(|format| FormatKind::from_fourcc(format.fourcc).is_some());
+    for format in ours {
         writeln!(out, "  format {}: {}", format.code(), format.name)?;
         for offer in &format.sizes {
             writeln!(
@@ -78,6 +83,10 @@ fn print(out: &mut impl Write, node: &CameraNode, inside: &Result<Inside, V4l2Er
                 rate_text(&offer.intervals)
             )?;
         }
+    }
+    if !others.is_empty() {
+        let codes: Vec<_> = others.iter().map(|format| format.code()).collect();
+        writeln!(out, "  formats that are not taken: {}", codes.join(", "))?;
     }
     for control in &inside.controls {
         writeln!(out, "  control {}", control_text(control))?;

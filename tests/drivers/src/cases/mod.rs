@@ -5,12 +5,16 @@ mod streaming;
 mod support;
 mod vivid_faults;
 mod webcam_faults;
+mod v4l2_support;
+mod v4l2_vivid;
+mod v4l2_webcam;
 
 use crate::Case;
 
 /// All cases.
 pub(crate) fn all() -> Vec<Case> {
     vec![
+    let mut all = vec![
         Case {
             name: "vivid_streams",
             run: streaming::vivid_streams,
@@ -39,4 +43,8 @@ pub(crate) fn all() -> Vec<Case> {
         vivid_faults: dropped_buffers_are_gaps, a_flagged_frame_is_one, refused_calls_are_refused_once,
             a_fatal_error_ends_with_the_stream, sequence_numbers_wrap, a_disconnected_device_keeps_its_node;
     }
+    ];
+    all.extend(v4l2_webcam::CASES);
+    all.extend(v4l2_vivid::CASES);
+    all
 }

@@ -34,7 +34,10 @@ fn main() -> ExitCode {
     let wanted = |case: &Case| options.only.is_empty() || options.only.iter().any(|part| case.name.contains(part));
     let cases: Vec<Case> = cases::all().into_iter().filter(wanted).collect();
     if cases.is_empty() {
-        println!("error: no case has `{}` in its name; --list lists them", options.only.join("` or `"));
+        println!(
+            "error: no case has `{}` in its name; --list lists them",
+            options.only.join("` or `")
+        );
         return ExitCode::from(2);
     }
     if options.list {
@@ -45,7 +48,11 @@ fn main() -> ExitCode {
     }
     let failed = cases.iter().filter(|case| !passes(case)).count();
     println!("{} cases, {} failed", cases.len(), failed);
-    if failed == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) }
+    if failed == 0 {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    }
 }
 
 /// Runs a case and says how it went. A panic is a failure like any other; its message is on standard error.

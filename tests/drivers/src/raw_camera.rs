@@ -2,7 +2,10 @@
 //!
 //! It is the reference that the capture crate is tested beside, and shares no code with it. It copies every frame and
 //! repairs nothing. Linux, `Documentation/userspace-api/media/v4l/`.
-#![expect(unsafe_code, reason = "V4L2 is ioctls on structs with unions, and memory mapped from the driver")]
+#![expect(
+    unsafe_code,
+    reason = "V4L2 is ioctls on structs with unions, and memory mapped from the driver"
+)]
 
 use std::ffi::c_void;
 use std::fs::{File, OpenOptions};
@@ -87,8 +90,15 @@ impl RawCamera {
     /// # Errors
     /// The system's.
     pub fn open(node: &Path) -> io::Result<Self> {
-        let file = OpenOptions::new().read(true).write(true).custom_flags(O_NONBLOCK).open(node)?;
-        Ok(Self { file, buffers: Vec::new() })
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(O_NONBLOCK)
+            .open(node)?;
+        Ok(Self {
+            file,
+            buffers: Vec::new(),
+        })
     }
 
     /// The camera's name (`card`).
@@ -149,7 +159,8 @@ impl RawCamera {
             self.ioctl(vidioc::VIDIOC_QUERYBUF, &mut buffer)?;
             // SAFETY: the memory is MMAP, so `offset` is the union's member in use.
             let offset = unsafe { buffer.m.offset };
-            self.buffers.push(Mapping::new(&self.file, buffer.length as usize, offset)?);
+            self.buffers
+                .push(Mapping::new(&self.file, buffer.length as usize, offset)?);
             self.queue(index)?;
         }
         let mut kind = VIDEO_CAPTURE;
@@ -161,7 +172,10 @@ impl RawCamera {
     /// # Errors
     /// The driver's: `ENODEV` after an unplug, `EIO` after a fatal error.
     pub fn next_frame(&mut self, patience: Duration) -> io::Result<Option<RawFrame>> {
-        let timeout = Timespec { tv_sec: patience.as_secs().cast_signed(), tv_nsec: patience.subsec_nanos().into() };
+        let timeout = Timespec {
+            tv_sec: patience.as_secs().cast_signed(),
+            tv_nsec: patience.subsec_nanos().into(),
+        };
         let mut files = [PollFd::from_borrowed_fd(self.file.as_fd(), PollFlags::IN)];
         poll(&mut files, Some(&timeout))?;
         if files[0].revents().is_empty() {
@@ -169,12 +183,20 @@ impl RawCamera {
         }
         let mut buffer = buffer(0);
         self.ioctl(vidioc::VIDIOC_DQBUF, &mut buffer)?;
-        let mapping = self.buffers.get(buffer.index as usize).ok_or(io::ErrorKind::InvalidData)?;
+        let mapping = self
+            .buffers
+            .get(buffer.index as usize)
+            .ok_or(io::ErrorKind::InvalidData)?;
         let bytes = mapping.copy(buffer.bytesused as usize);
         self.queue(buffer.index)?;
         let seconds = buffer.timestamp.tv_sec.cast_unsigned();
         let timestamp_ns = seconds * 1_000_000_000 + buffer.timestamp.tv_usec.cast_unsigned() * 1000;
-        Ok(Some(RawFrame { bytes, sequence: buffer.sequence, timestamp_ns, flags: buffer.flags }))
+        Ok(Some(RawFrame {
+            bytes,
+            sequence: buffer.sequence,
+            timestamp_ns,
+            flags: buffer.flags,
+        }))
     }
 
     /// Stops the stream and gives the buffers back.
@@ -216,7 +238,12 @@ impl RawCamera {
                 return found;
             }
             let name = text(&query.name);
-            found.push(RawControl { id: query.id, name, minimum: query.minimum, maximum: query.maximum });
+            found.push(RawControl {
+                id: query.id,
+                name,
+                minimum: query.minimum,
+                maximum: query.maximum,
+            });
         }
     }
 
@@ -226,7 +253,11 @@ impl RawCamera {
         request.type_ = VIDEO_CAPTURE;
         request.memory = MEMORY_MMAP;
         self.ioctl(vidioc::VIDIOC_REQBUFS, &mut request)?;
-        if request.count < count { Err(io::ErrorKind::OutOfMemory.into()) } else { Ok(()) }
+        if request.count < count {
+            Err(io::ErrorKind::OutOfMemory.into())
+        } else {
+            Ok(())
+        }
     }
 
     fn queue(&self, index: u32) -> io::Result<()> {
@@ -250,7 +281,14 @@ impl Mapping {
     fn new(file: &File, length: usize, offset: u32) -> io::Result<Self> {
         // SAFETY: a new mapping at an address of the kernel's choice touches no memory of ours.
         let start = unsafe {
-            v4l2::mmap(ptr::null_mut(), length, READ_WRITE, SHARED, file.as_raw_fd(), i64::from(offset))
+            v4l2::mmap(
+                ptr::null_mut(),
+                length,
+                READ_WRITE,
+                SHARED,
+                file.as_raw_fd(),
+                i64::from(offset),
+            )
         }?;
         Ok(Self { start, length })
     }

@@ -57,9 +57,15 @@ impl VividFault {
 /// # Errors
 /// The driver's; `NotFound` where the camera has no such control.
 pub fn set(camera: &RawCamera, fault: VividFault, value: i32) -> io::Result<()> {
-    let control = camera.controls().into_iter().find(|control| control.name == fault.control_name());
+    let control = camera
+        .controls()
+        .into_iter()
+        .find(|control| control.name == fault.control_name());
     let control = control.ok_or_else(|| {
-        io::Error::new(io::ErrorKind::NotFound, format!("no control `{}`; is this vivid?", fault.control_name()))
+        io::Error::new(
+            io::ErrorKind::NotFound,
+            format!("no control `{}`; is this vivid?", fault.control_name()),
+        )
     })?;
     camera.set_control(control.id, value)
 }
@@ -96,5 +102,12 @@ pub fn reload() -> io::Result<()> {
     };
     run(&["rmmod", "vivid"])?;
     let module = format!("{FOLDER}/modules/vivid.ko");
-    run(&["insmod", &module, "n_devs=2", "node_types=0x1,0x1", "num_inputs=1,1", "input_types=0,0"])
+    run(&[
+        "insmod",
+        &module,
+        "n_devs=2",
+        "node_types=0x1,0x1",
+        "num_inputs=1,1",
+        "input_types=0,0",
+    ])
 }

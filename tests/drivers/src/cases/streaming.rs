@@ -38,14 +38,23 @@ fn both(size: (u32, u32), fourcc: [u8; 4]) -> Result<(), String> {
         Webcam::plug(0, WebcamConfig::named("Scene camera")).map_err(say)?,
         Webcam::plug(1, WebcamConfig::named("Probe camera")).map_err(say)?,
     ];
-    let nodes = [webcams[0].node(PATIENCE).map_err(say)?, webcams[1].node(PATIENCE).map_err(say)?];
+    let nodes = [
+        webcams[0].node(PATIENCE).map_err(say)?,
+        webcams[1].node(PATIENCE).map_err(say)?,
+    ];
     let results = thread::scope(|scope| {
-        let threads = nodes.each_ref().map(|node| scope.spawn(move || stream(node, size, fourcc, 90)));
+        let threads = nodes
+            .each_ref()
+            .map(|node| scope.spawn(move || stream(node, size, fourcc, 90)));
         threads.map(|thread| thread.join().map_err(|_| "panic".to_owned()).and_then(|result| result))
     });
     for (result, webcam) in results.into_iter().zip(&webcams) {
         let received = result?;
-        let overruns = webcam.truth().iter().filter(|frame| frame.fate != mirrorball_driver_tests::webcam::truth::Fate::Sent).count();
+        let overruns = webcam
+            .truth()
+            .iter()
+            .filter(|frame| frame.fate != mirrorball_driver_tests::webcam::truth::Fate::Sent)
+            .count();
         println!("    {received:?} overruns {overruns} of {}", webcam.truth().len());
     }
     Ok(())
@@ -75,7 +84,19 @@ fn stream(node: &Path, size: (u32, u32), fourcc: [u8; 4], n_frames: usize) -> Re
     }
     let elapsed_s = start.elapsed().as_secs_f64();
     camera.stop().map_err(say)?;
-    let gaps = frames.windows(2).map(|pair| pair[1].sequence - pair[0].sequence - 1).sum();
-    let counters = frames.iter().step_by(30).map(|frame| counter::read_yuyv(&frame.bytes, size.0 as usize)).collect();
-    Ok(Received { rate_hz: n_frames as f64 / elapsed_s, gaps, counters, bytes: frames[0].bytes.len() })
+    let gaps = frames
+        .windows(2)
+        .map(|pair| pair[1].sequence - pair[0].sequence - 1)
+        .sum();
+    let counters = frames
+        .iter()
+        .step_by(30)
+        .map(|frame| counter::read_yuyv(&frame.bytes, size.0 as usize))
+        .collect();
+    Ok(Received {
+        rate_hz: n_frames as f64 / elapsed_s,
+        gaps,
+        counters,
+        bytes: frames[0].bytes.len(),
+    })
 }

@@ -106,11 +106,23 @@ pub fn parse(bytes: &[u8]) -> Result<Option<(Request, usize)>, WireError> {
         return Ok(None);
     }
     let word = |index: usize| {
-        u32::from_be_bytes(bytes[4 * index..4 * index + 4].try_into().expect("a slice of four bytes"))
+        u32::from_be_bytes(
+            bytes[4 * index..4 * index + 4]
+                .try_into()
+                .expect("a slice of four bytes"),
+        )
     };
     match word(0) {
         1 => {}
-        2 => return Ok(Some((Request::Unlink { seqnum: word(1), target: word(5) }, HEADER_BYTES))),
+        2 => {
+            return Ok(Some((
+                Request::Unlink {
+                    seqnum: word(1),
+                    target: word(5),
+                },
+                HEADER_BYTES,
+            )));
+        }
         command => return Err(WireError::Command { command }),
     }
     let direction = if word(3) == 0 { Direction::Out } else { Direction::In };
@@ -119,7 +131,10 @@ pub fn parse(bytes: &[u8]) -> Result<Option<(Request, usize)>, WireError> {
     let packets = if word(8) == u32::MAX { 0 } else { word(8) };
     let out_bytes = if direction == Direction::Out { length } else { 0 };
     if out_bytes > MAX_OUT_BYTES || packets > MAX_ISO_PACKETS {
-        return Err(WireError::TooLong { length: out_bytes, packets });
+        return Err(WireError::TooLong {
+            length: out_bytes,
+            packets,
+        });
     }
     let data_end = HEADER_BYTES + out_bytes as usize;
     let end = data_end + packets as usize * ISO_PACKET_BYTES;
@@ -128,7 +143,10 @@ pub fn parse(bytes: &[u8]) -> Result<Option<(Request, usize)>, WireError> {
     }
     let packets = bytes[data_end..end]
         .chunks_exact(ISO_PACKET_BYTES)
-        .map(|entry| IsoPacket { offset: be32(entry, 0), length: be32(entry, 4) })
+        .map(|entry| IsoPacket {
+            offset: be32(entry, 0),
+            length: be32(entry, 4),
+        })
         .collect();
     let submit = Submit {
         seqnum: word(1),
@@ -206,7 +224,9 @@ mod tests {
         let bytes = submit_bytes(1, 18, u32::MAX);
         let (request, used) = parse(&bytes).unwrap().unwrap();
         assert_eq!(used, 48);
-        let Request::Submit(submit) = request else { panic!("not a submit: {request:?}") };
+        let Request::Submit(submit) = request else {
+            panic!("not a submit: {request:?}")
+        };
         assert_eq!((submit.seqnum, submit.endpoint, submit.length), (7, 1, 18));
         assert_eq!(submit.setup, [0x80, 6, 0, 1, 0, 0, 18, 0]);
         assert!(submit.data.is_empty() && submit.packets.is_empty());
@@ -223,16 +243,30 @@ mod tests {
         bytes.push(99);
         let (request, used) = parse(&bytes).unwrap().unwrap();
         assert_eq!(used, bytes.len() - 1);
-        let Request::Submit(submit) = request else { panic!("not a submit: {request:?}") };
+        let Request::Submit(submit) = request else {
+            panic!("not a submit: {request:?}")
+        };
         assert_eq!(submit.data, [1, 2, 3]);
-        assert_eq!(submit.packets, [IsoPacket { offset: 0, length: 3072 }]);
+        assert_eq!(
+            submit.packets,
+            [IsoPacket {
+                offset: 0,
+                length: 3072
+            }]
+        );
     }
 
     #[test]
     fn nonsense_is_refused() {
         assert_eq!(parse(&words(&[9; 12])), Err(WireError::Command { command: 9 }));
         let too_long = submit_bytes(0, 1 << 20, 0);
-        assert_eq!(parse(&too_long), Err(WireError::TooLong { length: 1 << 20, packets: 0 }));
+        assert_eq!(
+            parse(&too_long),
+            Err(WireError::TooLong {
+                length: 1 << 20,
+                packets: 0
+            })
+        );
         assert!(parse(&submit_bytes(1, 0, 5000)).is_err());
     }
 
@@ -240,8 +274,14 @@ mod tests {
     fn an_iso_reply_has_header_data_and_packets() {
         let mut out = Vec::new();
         let results = [
-            IsoResult { packet: IsoPacket { offset: 0, length: 10 }, actual_length: 2 },
-            IsoResult { packet: IsoPacket { offset: 10, length: 10 }, actual_length: 0 },
+            IsoResult {
+                packet: IsoPacket { offset: 0, length: 10 },
+                actual_length: 2,
+            },
+            IsoResult {
+                packet: IsoPacket { offset: 10, length: 10 },
+                actual_length: 0,
+            },
         ];
         reply_iso(&mut out, 5, 0, (&results, &[8, 9]));
         assert_eq!(out.len(), 48 + 2 + 32);

@@ -88,9 +88,24 @@ impl Default for ControlRanges {
     /// of 10 K.
     fn default() -> Self {
         Self {
-            exposure_100us: Range { minimum: 1, maximum: 5000, step: 1, default: 156 },
-            gain: Range { minimum: 0, maximum: 100, step: 1, default: 0 },
-            white_balance_k: Range { minimum: 2800, maximum: 7500, step: 10, default: 4600 },
+            exposure_100us: Range {
+                minimum: 1,
+                maximum: 5000,
+                step: 1,
+                default: 156,
+            },
+            gain: Range {
+                minimum: 0,
+                maximum: 100,
+                step: 1,
+                default: 0,
+            },
+            white_balance_k: Range {
+                minimum: 2800,
+                maximum: 7500,
+                step: 10,
+                default: 4600,
+            },
         }
     }
 }
@@ -107,7 +122,12 @@ pub struct Controls {
 impl Controls {
     /// Controls at their defaults: both automatics on, as webcams wake up.
     pub fn new(ranges: ControlRanges) -> Self {
-        let mut controls = Self { ranges, values: [0; CONTROLS.len()], stalled: [None; CONTROLS.len()], last_error: 0 };
+        let mut controls = Self {
+            ranges,
+            values: [0; CONTROLS.len()],
+            stalled: [None; CONTROLS.len()],
+            last_error: 0,
+        };
         controls.reset();
         controls
     }
@@ -152,15 +172,40 @@ impl Controls {
             // For this bitmap the step is the set of modes that there are.
             Control::ExposureMode => {
                 let step = MANUAL | APERTURE_PRIORITY;
-                Range { minimum: MANUAL, maximum: APERTURE_PRIORITY, step, default: APERTURE_PRIORITY }
+                Range {
+                    minimum: MANUAL,
+                    maximum: APERTURE_PRIORITY,
+                    step,
+                    default: APERTURE_PRIORITY,
+                }
             }
-            Control::ExposurePriority => Range { minimum: 0, maximum: 1, step: 1, default: 0 },
+            Control::ExposurePriority => Range {
+                minimum: 0,
+                maximum: 1,
+                step: 1,
+                default: 0,
+            },
             Control::ExposureTime => self.ranges.exposure_100us,
-            Control::Brightness => Range { minimum: -64, maximum: 64, step: 1, default: 0 },
+            Control::Brightness => Range {
+                minimum: -64,
+                maximum: 64,
+                step: 1,
+                default: 0,
+            },
             Control::Gain => self.ranges.gain,
-            Control::PowerLineFrequency => Range { minimum: 0, maximum: 2, step: 1, default: 1 },
+            Control::PowerLineFrequency => Range {
+                minimum: 0,
+                maximum: 2,
+                step: 1,
+                default: 1,
+            },
             Control::WhiteBalance => self.ranges.white_balance_k,
-            Control::WhiteBalanceAuto => Range { minimum: 0, maximum: 1, step: 1, default: 1 },
+            Control::WhiteBalanceAuto => Range {
+                minimum: 0,
+                maximum: 1,
+                step: 1,
+                default: 1,
+            },
         }
     }
 
@@ -232,7 +277,11 @@ impl Controls {
         }
         let step = range.step.max(1);
         let stepped = range.minimum + (value - range.minimum) / step * step;
-        self.values[control as usize] = if control == Control::ExposureMode { value } else { stepped };
+        self.values[control as usize] = if control == Control::ExposureMode {
+            value
+        } else {
+            stepped
+        };
         Ok(())
     }
 }
@@ -324,8 +373,14 @@ mod tests {
     #[test]
     fn a_value_that_was_set_is_read_back() {
         let mut controls = manual();
-        assert_eq!(controls.answer(SET_CUR, EXPOSURE_TIME, &80_i32.to_le_bytes()), Some(vec![]));
-        assert_eq!(controls.answer(GET_CUR, EXPOSURE_TIME, &[]), Some(80_i32.to_le_bytes().to_vec()));
+        assert_eq!(
+            controls.answer(SET_CUR, EXPOSURE_TIME, &80_i32.to_le_bytes()),
+            Some(vec![])
+        );
+        assert_eq!(
+            controls.answer(GET_CUR, EXPOSURE_TIME, &[]),
+            Some(80_i32.to_le_bytes().to_vec())
+        );
         assert_eq!(controls.answer(GET_LEN, EXPOSURE_TIME, &[]), Some(vec![4, 0]));
         assert_eq!(controls.answer(GET_RES, EXPOSURE_MODE, &[]), Some(vec![9]));
         let brightness = (PROCESSING_UNIT, 2);
@@ -364,7 +419,12 @@ mod tests {
     #[test]
     fn values_fall_on_steps() {
         let mut ranges = ControlRanges::default();
-        ranges.exposure_100us = Range { minimum: 1, maximum: 1000, step: 5, default: 101 };
+        ranges.exposure_100us = Range {
+            minimum: 1,
+            maximum: 1000,
+            step: 5,
+            default: 101,
+        };
         let mut controls = Controls::new(ranges);
         controls.answer(SET_CUR, EXPOSURE_MODE, &[1]).unwrap();
         controls.answer(SET_CUR, EXPOSURE_TIME, &83_i32.to_le_bytes()).unwrap();

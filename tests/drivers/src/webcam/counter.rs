@@ -27,7 +27,11 @@ pub fn bits(counter: u64) -> [bool; COUNTER_BITS] {
 /// Luma of the blocks from left to right.
 pub fn block_luma(counter: u64) -> impl Iterator<Item = u8> {
     bits(counter).into_iter().flat_map(|bit| {
-        let luma = if bit { GREY_LUMA + CONTRAST_LUMA } else { GREY_LUMA - CONTRAST_LUMA };
+        let luma = if bit {
+            GREY_LUMA + CONTRAST_LUMA
+        } else {
+            GREY_LUMA - CONTRAST_LUMA
+        };
         [luma, GREY_LUMA]
     })
 }
@@ -38,7 +42,10 @@ pub fn read(luma: impl Fn(usize, usize) -> u8) -> Option<u16> {
     for bit in 0..COUNTER_BITS {
         let mean = |block: usize| -> u32 {
             let centre = (2..6).flat_map(|y| (2..6).map(move |x| (x, y)));
-            centre.map(|(x, y)| u32::from(luma((2 * bit + block) * BLOCK_PX + x, y))).sum::<u32>() / 16
+            centre
+                .map(|(x, y)| u32::from(luma((2 * bit + block) * BLOCK_PX + x, y)))
+                .sum::<u32>()
+                / 16
         };
         let (value, grey) = (mean(0), mean(1));
         if value.abs_diff(grey) < u32::from(CONTRAST_LUMA) / 2 {

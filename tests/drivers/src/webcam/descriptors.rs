@@ -81,9 +81,41 @@ fn configuration() -> Vec<u8> {
 
 fn control_interface() -> Vec<u8> {
     // Camera terminal (type 0x0201), no lens data; controls: exposure mode, its priority, exposure time.
-    let mut units = vec![18, CS_INTERFACE, 2, CAMERA_TERMINAL, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 3, 0x0E, 0, 0];
+    let mut units = vec![
+        18,
+        CS_INTERFACE,
+        2,
+        CAMERA_TERMINAL,
+        0x01,
+        0x02,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        3,
+        0x0E,
+        0,
+        0,
+    ];
     // Processing unit; controls: brightness, white balance temperature and its automatic, gain, power line frequency.
-    units.extend([12, CS_INTERFACE, 5, PROCESSING_UNIT, CAMERA_TERMINAL, 0, 0, 2, 0x41, 0x16, 0, 0]);
+    units.extend([
+        12,
+        CS_INTERFACE,
+        5,
+        PROCESSING_UNIT,
+        CAMERA_TERMINAL,
+        0,
+        0,
+        2,
+        0x41,
+        0x16,
+        0,
+        0,
+    ]);
     // Output terminal to USB streaming (type 0x0101).
     units.extend([9, CS_INTERFACE, 3, OUTPUT_TERMINAL, 0x01, 0x01, 0, PROCESSING_UNIT, 0]);
 

@@ -94,7 +94,10 @@ impl Device {
 
     /// Waits for the kernel, at most `timeout`, and deals with what it says. `None` at the end of the connection.
     fn receive(&mut self, timeout: Duration) -> Option<()> {
-        let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.min(IDLE).as_nanos() as _ };
+        let timeout = Timespec {
+            tv_sec: 0,
+            tv_nsec: timeout.min(IDLE).as_nanos() as _,
+        };
         let mut sockets = [PollFd::new(&self.socket, PollFlags::IN)];
         // An interrupted wait is a short one.
         let _ = poll(&mut sockets, Some(&timeout));
@@ -124,7 +127,11 @@ impl Device {
 
     fn submitted(&mut self, submit: Submit) {
         self.last_submit = submit.seqnum;
-        if let Some(index) = self.unlinked_early.iter().position(|(target, _)| *target == submit.seqnum) {
+        if let Some(index) = self
+            .unlinked_early
+            .iter()
+            .position(|(target, _)| *target == submit.seqnum)
+        {
             let (_, unlink) = self.unlinked_early.swap_remove(index);
             wire::reply_unlink(&mut self.outbox, unlink, true);
         } else if submit.endpoint == 0 {
@@ -260,11 +267,16 @@ impl Device {
             let status = if std::mem::take(&mut streaming.fail_transfer) {
                 streaming.sending = false;
                 streaming.frame.length = 0;
-                let no_data = |packet: &wire::IsoPacket| wire::IsoResult { packet: *packet, actual_length: 0 };
+                let no_data = |packet: &wire::IsoPacket| wire::IsoResult {
+                    packet: *packet,
+                    actual_length: 0,
+                };
                 self.results.extend(submit.packets.iter().map(no_data));
                 PROTOCOL_ERROR
             } else {
-                let done = streaming.frame.fill(&submit.packets, &mut self.results, &mut self.payload);
+                let done = streaming
+                    .frame
+                    .fill(&submit.packets, &mut self.results, &mut self.payload);
                 streaming.sending = !done;
                 0
             };

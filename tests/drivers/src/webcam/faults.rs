@@ -27,7 +27,11 @@ pub struct Faults {
 
 impl Default for Faults {
     fn default() -> Self {
-        Self { frames: VecDeque::new(), hangs: false, slowness: 1.0 }
+        Self {
+            frames: VecDeque::new(),
+            hangs: false,
+            slowness: 1.0,
+        }
     }
 }
 

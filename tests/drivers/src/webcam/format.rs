@@ -26,12 +26,42 @@ pub struct Mode {
 
 /// What is offered; the order within an encoding is that of UVC's frame indices, which begin at 1.
 pub const MODES: [Mode; 6] = [
-    Mode { encoding: Encoding::Yuyv, width: 640, height: 480, rates_hz: &[30, 15] },
-    Mode { encoding: Encoding::Yuyv, width: 320, height: 240, rates_hz: &[60, 30, 15] },
-    Mode { encoding: Encoding::Yuyv, width: 1280, height: 720, rates_hz: &[15, 10, 5] },
-    Mode { encoding: Encoding::Mjpeg, width: 1280, height: 720, rates_hz: &[30, 15] },
-    Mode { encoding: Encoding::Mjpeg, width: 640, height: 480, rates_hz: &[60, 30, 15] },
-    Mode { encoding: Encoding::Mjpeg, width: 320, height: 240, rates_hz: &[60, 30, 15] },
+    Mode {
+        encoding: Encoding::Yuyv,
+        width: 640,
+        height: 480,
+        rates_hz: &[30, 15],
+    },
+    Mode {
+        encoding: Encoding::Yuyv,
+        width: 320,
+        height: 240,
+        rates_hz: &[60, 30, 15],
+    },
+    Mode {
+        encoding: Encoding::Yuyv,
+        width: 1280,
+        height: 720,
+        rates_hz: &[15, 10, 5],
+    },
+    Mode {
+        encoding: Encoding::Mjpeg,
+        width: 1280,
+        height: 720,
+        rates_hz: &[30, 15],
+    },
+    Mode {
+        encoding: Encoding::Mjpeg,
+        width: 640,
+        height: 480,
+        rates_hz: &[60, 30, 15],
+    },
+    Mode {
+        encoding: Encoding::Mjpeg,
+        width: 320,
+        height: 240,
+        rates_hz: &[60, 30, 15],
+    },
 ];
 
 impl Mode {
@@ -57,7 +87,10 @@ pub struct Negotiated {
 
 impl Default for Negotiated {
     fn default() -> Self {
-        Self { mode: MODES[0], interval_100ns: MODES[0].intervals_100ns()[0] }
+        Self {
+            mode: MODES[0],
+            interval_100ns: MODES[0].intervals_100ns()[0],
+        }
     }
 }
 
@@ -75,8 +108,10 @@ impl Negotiated {
         let mode = *modes[usize::from(probe[3]).clamp(1, modes.len()) - 1];
         let wish = u32::from_le_bytes([probe[4], probe[5], probe[6], probe[7]]);
         let intervals = mode.intervals_100ns();
-        let interval_100ns =
-            intervals.into_iter().min_by_key(|interval| interval.abs_diff(wish)).expect("every mode has a rate");
+        let interval_100ns = intervals
+            .into_iter()
+            .min_by_key(|interval| interval.abs_diff(wish))
+            .expect("every mode has a rate");
         Self { mode, interval_100ns }
     }
 

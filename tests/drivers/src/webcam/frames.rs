@@ -49,7 +49,14 @@ impl Frames {
     pub(super) fn new(model: SensorModel, seed: u64, state: Arc<Mutex<State>>) -> Self {
         let settings = settings(&lock(&state).controls);
         let delayed = DelayedSettings::new(model.latency, settings);
-        Self { state, model, painter: Painter::new(seed), rgb: Vec::new(), jpeg: None, delayed }
+        Self {
+            state,
+            model,
+            painter: Painter::new(seed),
+            rgb: Vec::new(),
+            jpeg: None,
+            delayed,
+        }
     }
 
     /// A stream begins: what is set now is in force.
@@ -93,7 +100,13 @@ impl Frames {
         run_automatics(&mut state.controls, view);
         let fault = state.faults.next_frame();
         drop(state);
-        Exposure { counter, requested, scene, key, fault }
+        Exposure {
+            counter,
+            requested,
+            scene,
+            key,
+            fault,
+        }
     }
 
     fn paint(&mut self, mode: Mode, exposure: &Exposure, picture: &mut Vec<u8>) {
@@ -137,7 +150,13 @@ impl Frames {
 }
 
 fn view<'a>(scene: &'a Scene, key: JpegKey, model: &'a SensorModel) -> View<'a> {
-    View { scene, picture_index: key.picture_index, light: key.light, model, settings: key.settings }
+    View {
+        scene,
+        picture_index: key.picture_index,
+        light: key.light,
+        model,
+        settings: key.settings,
+    }
 }
 
 fn settings(controls: &Controls) -> SensorSettings {

@@ -8,7 +8,7 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageError, RgbImage};
 
-use super::counter::{BLOCK_PX, COUNTER_ROWS, CONTRAST_LUMA, bits};
+use super::counter::{BLOCK_PX, CONTRAST_LUMA, COUNTER_ROWS, bits};
 
 /// Quality of the pictures on the scale of libjpeg.
 const QUALITY: u8 = 85;
@@ -149,7 +149,12 @@ fn prepare_header(jpeg: &mut [u8], height: u32) -> (usize, i32) {
         match marker {
             0xDB if luma_quantiser.is_none() => luma_quantiser = Some(i32::from(jpeg[at + 5])),
             0xC0 => jpeg[at + 5..at + 7].copy_from_slice(&(height as u16).to_be_bytes()),
-            0xDA => return (at + 2 + length, luma_quantiser.expect("quantisers come before the scan")),
+            0xDA => {
+                return (
+                    at + 2 + length,
+                    luma_quantiser.expect("quantisers come before the scan"),
+                );
+            }
             _ => {}
         }
         at += 2 + length;
@@ -198,7 +203,9 @@ mod tests {
     use super::*;
 
     fn gradient(width: u32, height: u32) -> RgbImage {
-        RgbImage::from_fn(width, height, |x, y| image::Rgb([(x / 2) as u8, (y / 2) as u8, ((x ^ y) & 0xFF) as u8]))
+        RgbImage::from_fn(width, height, |x, y| {
+            image::Rgb([(x / 2) as u8, (y / 2) as u8, ((x ^ y) & 0xFF) as u8])
+        })
     }
 
     #[test]
@@ -206,7 +213,9 @@ mod tests {
         let picture = gradient(640, 480);
         let jpeg = CountedJpeg::encode(&picture).unwrap();
         let mut plain = Vec::new();
-        JpegEncoder::new_with_quality(&mut plain, QUALITY).encode_image(&picture).unwrap();
+        JpegEncoder::new_with_quality(&mut plain, QUALITY)
+            .encode_image(&picture)
+            .unwrap();
         let plain = image::load_from_memory(&plain).unwrap().to_rgb8();
         let mut bytes = Vec::new();
         for value in [0, 1, 0x5555, 0xAAAA, 65_535, 65_536 + 77] {
@@ -216,7 +225,10 @@ mod tests {
             let read = counter::read(|x, y| decoded.get_pixel(x as u32, y as u32).0[1]);
             assert_eq!(read, Some((value & 0xFFFF) as u16));
             let below = COUNTER_ROWS * 640 * 3;
-            assert!(decoded.as_raw()[below..] == plain.as_raw()[below..], "the rest decodes as if encoded at once");
+            assert!(
+                decoded.as_raw()[below..] == plain.as_raw()[below..],
+                "the rest decodes as if encoded at once"
+            );
         }
     }
 
@@ -234,7 +246,10 @@ mod tests {
 
     #[test]
     fn shifting_moves_every_bit() {
-        assert_eq!(shift(&[0b1010_0101, 0b1100_0011], 3), (0b0001_0100, vec![0b1011_1000, 0b0111_1111]));
+        assert_eq!(
+            shift(&[0b1010_0101, 0b1100_0011], 3),
+            (0b0001_0100, vec![0b1011_1000, 0b0111_1111])
+        );
         assert_eq!(shift(&[1, 2], 0), (0, vec![1, 2]));
     }
 }

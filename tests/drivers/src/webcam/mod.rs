@@ -48,8 +48,8 @@ use thiserror::Error;
 
 use crate::usbip::vhci::{self, VhciError};
 use controls::{APERTURE_PRIORITY, Control, ControlRanges, Controls};
-pub use faults::FrameFault;
 use faults::Faults;
+pub use faults::FrameFault;
 use scene::{Light, Patches, Scene};
 use sensor::SensorModel;
 use truth::{FrameTruth, TruthLog};
@@ -98,7 +98,9 @@ pub struct WebcamConfig {
 impl WebcamConfig {
     /// A webcam of this name with an ideal sensor and common ranges; serial number and noise follow from the name.
     pub fn named(name: &str) -> Self {
-        let seed = name.bytes().fold(5381_u64, |hash, byte| hash.wrapping_mul(33) ^ u64::from(byte));
+        let seed = name
+            .bytes()
+            .fold(5381_u64, |hash, byte| hash.wrapping_mul(33) ^ u64::from(byte));
         Self {
             name: name.to_owned(),
             serial: format!("{:08x}", seed & 0xFFFF_FFFF),
@@ -144,7 +146,12 @@ impl Webcam {
             truth: TruthLog::default(),
             next_counter: 0,
         };
-        let mut webcam = Self { port, config, state: Arc::new(Mutex::new(state)), plugged: None };
+        let mut webcam = Self {
+            port,
+            config,
+            state: Arc::new(Mutex::new(state)),
+            plugged: None,
+        };
         webcam.replug()?;
         Ok(webcam)
     }
@@ -167,7 +174,10 @@ impl Webcam {
         self.unplug();
         self.lock().controls.reset();
         let socket = vhci::attach(self.port)?;
-        let ours = socket.try_clone().map_err(|source| VhciError::Attach { port: self.port, source })?;
+        let ours = socket.try_clone().map_err(|source| VhciError::Attach {
+            port: self.port,
+            source,
+        })?;
         let device = device::Device::new(socket, &self.config, Arc::clone(&self.state));
         self.plugged = Some((ours, std::thread::spawn(move || device.run())));
         Ok(())
@@ -184,7 +194,10 @@ impl Webcam {
                 return Ok(node);
             }
             if Instant::now() >= deadline {
-                return Err(WebcamError::NoNode { port: self.port, waited_s: patience.as_secs_f32() });
+                return Err(WebcamError::NoNode {
+                    port: self.port,
+                    waited_s: patience.as_secs_f32(),
+                });
             }
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -18,7 +18,9 @@ pub(super) fn find(port: u8) -> Option<PathBuf> {
 }
 
 fn is_at_port(device: &Path, port: u8) -> bool {
-    let mut parts = device.components().map(|part| part.as_os_str().to_string_lossy().into_owned());
+    let mut parts = device
+        .components()
+        .map(|part| part.as_os_str().to_string_lossy().into_owned());
     let port_folder_end = format!("-{}", u32::from(port) + 1);
     parts.any(|part| part.starts_with("vhci_hcd")) && parts.any(|part| part.ends_with(&port_folder_end))
 }
@@ -32,6 +34,9 @@ mod tests {
         let device = Path::new("/sys/devices/platform/vhci_hcd.0/usb1/1-2/1-2:1.0/video4linux/video2");
         assert!(is_at_port(device, 1));
         assert!(!is_at_port(device, 0) && !is_at_port(device, 11));
-        assert!(!is_at_port(Path::new("/sys/devices/platform/vivid.0/video4linux/video1-2"), 1));
+        assert!(!is_at_port(
+            Path::new("/sys/devices/platform/vivid.0/video4linux/video1-2"),
+            1
+        ));
     }
 }

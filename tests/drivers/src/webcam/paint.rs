@@ -28,7 +28,8 @@ pub(super) struct View<'a> {
 impl View<'_> {
     /// Mean green signal, which the automatic exposure goes by.
     pub(super) fn mean_signal(&self) -> f32 {
-        self.model.signal(self.scene.mean(self.picture_index), self.light, self.settings)[1]
+        self.model
+            .signal(self.scene.mean(self.picture_index), self.light, self.settings)[1]
     }
 }
 
@@ -74,7 +75,12 @@ impl Painter {
                 (255.0 * linear_to_srgb(signal.min(1.0))).round() as u8
             })
             .collect();
-        Self { random, noise, code_of_log, strip: Vec::new() }
+        Self {
+            random,
+            noise,
+            code_of_log,
+            strip: Vec::new(),
+        }
     }
 
     /// Paints a picture of (width, height) into `out`, without counter. The width is even.
@@ -188,8 +194,9 @@ impl Painter {
 
 /// Draws the frame counter over the top left of a YUYV picture.
 pub(super) fn stamp_yuyv(picture: &mut [u8], width: usize, counter: u64) {
-    let row: Vec<u8> =
-        block_luma(counter).flat_map(|luma| [luma, 128].into_iter().cycle().take(2 * BLOCK_PX)).collect();
+    let row: Vec<u8> = block_luma(counter)
+        .flat_map(|luma| [luma, 128].into_iter().cycle().take(2 * BLOCK_PX))
+        .collect();
     for picture_row in picture.chunks_exact_mut(2 * width).take(COUNTER_ROWS) {
         picture_row[..row.len()].copy_from_slice(&row);
     }
@@ -199,7 +206,11 @@ pub(super) fn stamp_yuyv(picture: &mut [u8], width: usize, counter: u64) {
 fn yuv_from_rgb([r, g, b]: [f32; 3]) -> [f32; 3] {
     let luma = 0.299 * r + 0.587 * g + 0.114 * b;
     let chroma = |difference: f32, range: f32| 128.0 + difference / range * 112.0 / 127.5;
-    [16.0 + luma * 219.0 / 255.0, chroma(b - luma, 1.772), chroma(r - luma, 1.402)]
+    [
+        16.0 + luma * 219.0 / 255.0,
+        chroma(b - luma, 1.772),
+        chroma(r - luma, 1.402),
+    ]
 }
 
 /// The same in integers for two pixels, whose mean gives the colour.
@@ -224,12 +235,22 @@ mod tests {
     use std::sync::Arc;
     use std::time::Instant;
 
-    const SETTINGS: SensorSettings =
-        SensorSettings { exposure_100us: 100, gain: 0, white_balance_k: 6504, brightness: 0 };
+    const SETTINGS: SensorSettings = SensorSettings {
+        exposure_100us: 100,
+        gain: 0,
+        white_balance_k: 6504,
+        brightness: 0,
+    };
 
     fn paint(scene: &Scene, pixels: Pixels) -> Vec<u8> {
         let model = SensorModel::default();
-        let view = View { scene, picture_index: 0, light: Light::default(), model: &model, settings: SETTINGS };
+        let view = View {
+            scene,
+            picture_index: 0,
+            light: Light::default(),
+            model: &model,
+            settings: SETTINGS,
+        };
         let mut out = Vec::new();
         Painter::new(1).paint(view, pixels, (320, 240), &mut out);
         out
@@ -245,7 +266,11 @@ mod tests {
     fn a_grey_card_has_its_mean_to_a_tenth_of_a_code() {
         let picture = paint(&Scene::Patches(Patches::even([0.18; 3])), Pixels::Yuyv);
         let wanted = 16.0 + 117.65 * 219.0 / 255.0;
-        assert!((mean_yuyv(&picture, 0) - wanted).abs() < 0.15, "{}", mean_yuyv(&picture, 0));
+        assert!(
+            (mean_yuyv(&picture, 0) - wanted).abs() < 0.15,
+            "{}",
+            mean_yuyv(&picture, 0)
+        );
         assert!((mean_yuyv(&picture, 1) - 128.0).abs() < 0.15);
     }
 
@@ -253,7 +278,11 @@ mod tests {
     fn film_and_patches_agree() {
         let reflectance = [0.30, 0.18, 0.12];
         let still = LinearPicture::new(1, 1, &[reflectance]);
-        let film = Film { pictures: Arc::new(vec![still]), rate_hz: 1.0, start: Instant::now() };
+        let film = Film {
+            pictures: Arc::new(vec![still]),
+            rate_hz: 1.0,
+            start: Instant::now(),
+        };
         for pixels in [Pixels::Yuyv, Pixels::Rgb] {
             let patches = paint(&Scene::Patches(Patches::even(reflectance)), pixels);
             let film = paint(&Scene::Film(film.clone()), pixels);

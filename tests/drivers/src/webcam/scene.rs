@@ -19,7 +19,10 @@ pub struct Light {
 
 impl Default for Light {
     fn default() -> Self {
-        Self { level_ev: 0.0, temperature_k: 6504.0 }
+        Self {
+            level_ev: 0.0,
+            temperature_k: 6504.0,
+        }
     }
 }
 
@@ -78,7 +81,10 @@ pub struct Patches {
 impl Patches {
     /// One even surface.
     pub fn even(reflectance: [f32; 3]) -> Self {
-        Self { columns: 1, reflectances: vec![reflectance] }
+        Self {
+            columns: 1,
+            reflectances: vec![reflectance],
+        }
     }
 
     /// A chart of 4 × 3: greys, colours, and a row of 18 % grey card.
@@ -98,7 +104,10 @@ impl Patches {
             grey(0.18),
             grey(0.18),
         ];
-        Self { columns: 4, reflectances }
+        Self {
+            columns: 4,
+            reflectances,
+        }
     }
 
     /// Rows of patches; the last may be incomplete, its missing patches black.
@@ -129,7 +138,10 @@ impl LinearPicture {
     /// # Panics
     /// When `radiances` has not `width` × `height` entries, or there are none.
     pub fn new(width: usize, height: usize, radiances: &[[f32; 3]]) -> Self {
-        assert!(width > 0 && radiances.len() == width * height, "as many radiances as pixels");
+        assert!(
+            width > 0 && radiances.len() == width * height,
+            "as many radiances as pixels"
+        );
         let mut sum = [0.0_f64; 3];
         for radiance in radiances {
             for channel in 0..3 {
@@ -138,15 +150,24 @@ impl LinearPicture {
         }
         let mean = sum.map(|channel| (channel / radiances.len() as f64) as f32);
         let log_codes = radiances.iter().map(|radiance| radiance.map(log_code)).collect();
-        Self { width, height, log_codes, mean }
+        Self {
+            width,
+            height,
+            log_codes,
+            mean,
+        }
     }
 
     /// The scene that a recorded picture shows: its codes through the inverse sRGB response (IEC 61966-2-1), divided
     /// by the exposure it was taken with (in units of 10 ms at gain 1).
     pub fn from_recorded(picture: &RgbImage, exposure: f32) -> Self {
-        let linear: Vec<f32> = (0..=255_u8).map(|code| srgb_to_linear(f32::from(code) / 255.0) / exposure).collect();
-        let radiances: Vec<[f32; 3]> =
-            picture.pixels().map(|pixel| pixel.0.map(|code| linear[usize::from(code)])).collect();
+        let linear: Vec<f32> = (0..=255_u8)
+            .map(|code| srgb_to_linear(f32::from(code) / 255.0) / exposure)
+            .collect();
+        let radiances: Vec<[f32; 3]> = picture
+            .pixels()
+            .map(|pixel| pixel.0.map(|code| linear[usize::from(code)]))
+            .collect();
         Self::new(picture.width() as usize, picture.height() as usize, &radiances)
     }
 
@@ -169,12 +190,20 @@ impl LinearPicture {
 
 /// Linear light of an sRGB value from 0 to 1.
 pub fn srgb_to_linear(value: f32) -> f32 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    if value <= 0.040_45 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
+    }
 }
 
 /// sRGB value of linear light from 0 to 1.
 pub fn linear_to_srgb(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+    if linear <= 0.003_130_8 {
+        linear * 12.92
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
 }
 
 fn log_code(radiance: f32) -> u16 {
@@ -240,7 +269,10 @@ mod tests {
         assert_eq!(planckian_rgb(6504.0), [1.0; 3]);
         let [warm_r, _, warm_b] = planckian_rgb(2856.0);
         // CIE illuminant A, x 0.4476, y 0.4074, is (2.19, 1, 0.27) by the definition of Rec. 709.
-        assert!((warm_r - 2.19).abs() < 0.05 && (warm_b - 0.27).abs() < 0.03, "{warm_r} {warm_b}");
+        assert!(
+            (warm_r - 2.19).abs() < 0.05 && (warm_b - 0.27).abs() < 0.03,
+            "{warm_r} {warm_b}"
+        );
         let cold = planckian_rgb(12_000.0);
         assert!(cold[0] < 1.0 && cold[2] > 1.0);
     }
@@ -265,7 +297,11 @@ mod tests {
     fn films_run_in_a_circle() {
         let picture = LinearPicture::new(1, 1, &[[0.5; 3]]);
         let start = Instant::now();
-        let film = Film { pictures: Arc::new(vec![picture.clone(), picture]), rate_hz: 10.0, start };
+        let film = Film {
+            pictures: Arc::new(vec![picture.clone(), picture]),
+            rate_hz: 10.0,
+            start,
+        };
         let at = |ms| film.index_at(start + std::time::Duration::from_millis(ms));
         assert_eq!([at(0), at(50), at(150), at(250)], [0, 0, 1, 0]);
     }

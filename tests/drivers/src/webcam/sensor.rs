@@ -54,7 +54,11 @@ impl Default for SensorModel {
             white_balance_shift_mired: 0.0,
             read_noise: 0.002,
             shot_noise: 0.01,
-            latency: Latency { exposure_frames: 2, gain_frames: 2, white_balance_frames: 2 },
+            latency: Latency {
+                exposure_frames: 2,
+                gain_frames: 2,
+                white_balance_frames: 2,
+            },
         }
     }
 }
@@ -141,8 +145,14 @@ pub struct DelayedSettings {
 impl DelayedSettings {
     /// Settings that act as late as `latency` says. At the start of a stream `settings` are in force.
     pub fn new(latency: Latency, settings: SensorSettings) -> Self {
-        let most = latency.exposure_frames.max(latency.gain_frames).max(latency.white_balance_frames);
-        Self { latency, requested: vec![settings; most + 1].into() }
+        let most = latency
+            .exposure_frames
+            .max(latency.gain_frames)
+            .max(latency.white_balance_frames);
+        Self {
+            latency,
+            requested: vec![settings; most + 1].into(),
+        }
     }
 
     /// A frame begins, with these settings asked for by now: the settings in force for it. Brightness acts at once.
@@ -171,8 +181,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const SETTINGS: SensorSettings =
-        SensorSettings { exposure_100us: 100, gain: 0, white_balance_k: 6504, brightness: 0 };
+    const SETTINGS: SensorSettings = SensorSettings {
+        exposure_100us: 100,
+        gain: 0,
+        white_balance_k: 6504,
+        brightness: 0,
+    };
     const GREY: [f32; 3] = [0.18; 3];
 
     #[test]
@@ -189,8 +203,22 @@ mod tests {
     #[test]
     fn light_exposure_and_gain_trade_against_each_other() {
         let model = SensorModel::default();
-        let bright = model.signal(GREY, Light { level_ev: 2.0, ..Light::default() }, SETTINGS);
-        let long = model.signal(GREY, Light::default(), SensorSettings { exposure_100us: 400, ..SETTINGS });
+        let bright = model.signal(
+            GREY,
+            Light {
+                level_ev: 2.0,
+                ..Light::default()
+            },
+            SETTINGS,
+        );
+        let long = model.signal(
+            GREY,
+            Light::default(),
+            SensorSettings {
+                exposure_100us: 400,
+                ..SETTINGS
+            },
+        );
         assert!((bright[1] / long[1] - 1.0).abs() < 1e-5);
         let gained = model.signal(GREY, Light::default(), SensorSettings { gain: 10, ..SETTINGS });
         assert!((gained[1] / 0.18 - 1.7).abs() < 1e-3);
@@ -198,31 +226,61 @@ mod tests {
 
     #[test]
     fn the_right_white_balance_makes_white_neutral_and_the_shift_spoils_it() {
-        let light = Light { level_ev: 0.0, temperature_k: 3200.0 };
-        let settings = SensorSettings { white_balance_k: 3200, ..SETTINGS };
+        let light = Light {
+            level_ev: 0.0,
+            temperature_k: 3200.0,
+        };
+        let settings = SensorSettings {
+            white_balance_k: 3200,
+            ..SETTINGS
+        };
         let neutral = SensorModel::default().signal(GREY, light, settings);
-        assert!(neutral.iter().all(|channel| (channel - 0.18).abs() < 1e-3), "{neutral:?}");
-        let shifted = SensorModel { white_balance_shift_mired: 20.0, ..SensorModel::default() };
+        assert!(
+            neutral.iter().all(|channel| (channel - 0.18).abs() < 1e-3),
+            "{neutral:?}"
+        );
+        let shifted = SensorModel {
+            white_balance_shift_mired: 20.0,
+            ..SensorModel::default()
+        };
         let cast = shifted.signal(GREY, light, settings);
         assert!(cast[2] > 1.05 * cast[1], "{cast:?}");
     }
 
     #[test]
     fn each_control_acts_after_its_own_latency() {
-        let latency = Latency { exposure_frames: 2, gain_frames: 4, white_balance_frames: 0 };
+        let latency = Latency {
+            exposure_frames: 2,
+            gain_frames: 4,
+            white_balance_frames: 0,
+        };
         let mut delayed = DelayedSettings::new(latency, SETTINGS);
         delayed.begin_frame(SETTINGS);
-        let wanted = SensorSettings { exposure_100us: 50, gain: 9, white_balance_k: 3000, brightness: 0 };
+        let wanted = SensorSettings {
+            exposure_100us: 50,
+            gain: 9,
+            white_balance_k: 3000,
+            brightness: 0,
+        };
         let frames: Vec<_> = (0..6).map(|_| delayed.begin_frame(wanted)).collect();
-        assert_eq!(frames.iter().map(|frame| frame.exposure_100us).collect::<Vec<_>>(), [100, 100, 50, 50, 50, 50]);
-        assert_eq!(frames.iter().map(|frame| frame.gain).collect::<Vec<_>>(), [0, 0, 0, 0, 9, 9]);
+        assert_eq!(
+            frames.iter().map(|frame| frame.exposure_100us).collect::<Vec<_>>(),
+            [100, 100, 50, 50, 50, 50]
+        );
+        assert_eq!(
+            frames.iter().map(|frame| frame.gain).collect::<Vec<_>>(),
+            [0, 0, 0, 0, 9, 9]
+        );
         assert_eq!(frames[0].white_balance_k, 3000);
     }
 
     #[test]
     fn the_automatic_settles_on_grey() {
         let model = SensorModel::default();
-        let mut settings = SensorSettings { exposure_100us: 5, ..SETTINGS };
+        let mut settings = SensorSettings {
+            exposure_100us: 5,
+            ..SETTINGS
+        };
         for _ in 0..40 {
             let mean = model.signal([0.3; 3], Light::default(), settings)[1];
             settings.exposure_100us = automatic_exposure_100us(settings.exposure_100us, mean);

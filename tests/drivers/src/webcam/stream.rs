@@ -44,7 +44,10 @@ impl OutgoingFrame {
         for &packet in packets {
             let room = packet.length as usize;
             if done || room <= HEADER_BYTES {
-                results.push(IsoResult { packet, actual_length: 0 });
+                results.push(IsoResult {
+                    packet,
+                    actual_length: 0,
+                });
                 continue;
             }
             let taken = (self.length - self.sent).min(room - HEADER_BYTES);
@@ -55,7 +58,10 @@ impl OutgoingFrame {
             data.extend(self.time_stamp.to_le_bytes());
             data.extend_from_slice(&self.picture[self.sent..self.sent + taken]);
             self.sent += taken;
-            results.push(IsoResult { packet, actual_length: (HEADER_BYTES + taken) as u32 });
+            results.push(IsoResult {
+                packet,
+                actual_length: (HEADER_BYTES + taken) as u32,
+            });
         }
         done
     }

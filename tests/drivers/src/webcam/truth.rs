@@ -76,7 +76,12 @@ mod tests {
     use super::*;
 
     fn frame(counter: u64) -> FrameTruth {
-        let settings = SensorSettings { exposure_100us: 1, gain: 0, white_balance_k: 5000, brightness: 0 };
+        let settings = SensorSettings {
+            exposure_100us: 1,
+            gain: 0,
+            white_balance_k: 5000,
+            brightness: 0,
+        };
         FrameTruth {
             counter,
             start_ns: 0,
@@ -98,7 +103,10 @@ mod tests {
             log.push(frame(counter));
         }
         assert_eq!(log.frames().len(), MEMORY_FRAMES);
-        assert_eq!(log.find((69_999_u32 & 0xFFFF) as u16).map(|frame| frame.counter), Some(69_999));
+        assert_eq!(
+            log.find((69_999_u32 & 0xFFFF) as u16).map(|frame| frame.counter),
+            Some(69_999)
+        );
         assert_eq!(log.find(60_000).map(|frame| frame.counter), Some(60_000));
         assert_eq!(log.find(100).map(|frame| frame.counter), Some(65_636));
     }

@@ -11,15 +11,20 @@
 //!
 //! Everything but the pictures is checked when a recording is opened; pictures are read one at a time while it plays.
 
+mod folder_writer;
 mod format;
 pub mod mcap;
 mod pace;
 mod picture;
 mod player;
+mod report;
 mod rig;
 
+pub use folder_writer::{FolderError, FolderWriter};
 pub use pace::{Pace, Repeat};
 pub use player::Player;
+pub use report::{CameraReport, Gap, RecordingReport, report_on};
+pub use rig::read_cameras;
 
 use std::path::Path;
 

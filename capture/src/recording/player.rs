@@ -75,6 +75,11 @@ impl Player {
         self.entries.len()
     }
 
+    /// What is known about the frames of one round, in the order of the frame list.
+    pub(super) fn metas(&self) -> impl Iterator<Item = &FrameMeta> {
+        self.entries.iter().map(|entry| &entry.meta)
+    }
+
     /// Reads the picture of the next entry and steps on, whether it could be read or not.
     fn read_next(&mut self) -> Result<Option<Frame>, SourceError> {
         if self.position == self.entries.len() {

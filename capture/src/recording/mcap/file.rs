@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
+use serde::Serialize;
+
 use super::chunk::{bounds_in_file, may_begin_at};
 use super::read_error::McapReadError;
 use super::records::{Place, RECORD_HEAD_BYTES, Step, Walker, opcode};
@@ -15,7 +17,8 @@ const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 const SEARCH_BYTES: u64 = 1 << 20;
 
 /// How a file ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(tag = "how", rename_all = "snake_case")]
 pub enum Ending {
     /// As it should, with its summary.
     Complete,

@@ -244,7 +244,7 @@ pub enum EventKind {
 }
 
 /// Name of a role, as in the rig file.
-pub(crate) fn role_name(role: CameraRole) -> &'static str {
+pub(in crate::recording) fn role_name(role: CameraRole) -> &'static str {
     match role {
         CameraRole::Scene => "scene",
         CameraRole::Ball => "ball",
@@ -253,7 +253,7 @@ pub(crate) fn role_name(role: CameraRole) -> &'static str {
 }
 
 /// Name of a pixel format.
-pub(crate) fn format_name(format: PixelFormat) -> String {
+pub(in crate::recording) fn format_name(format: PixelFormat) -> String {
     let record = FormatRecord::from(format);
     [Some(record.format), record.matrix, record.range]
         .into_iter()

@@ -28,26 +28,26 @@ pub(super) enum ChannelUse {
 
 /// A camera of a recording.
 #[derive(Debug, Clone)]
-pub(super) struct SurveyedCamera {
-    pub(super) description: CameraDescription,
+pub(in crate::recording) struct SurveyedCamera {
+    pub(in crate::recording) description: CameraDescription,
     /// Messages on its image channel.
     pub(super) n_frames: u64,
 }
 
 /// What a recording holds.
 #[derive(Debug)]
-pub(super) struct Survey {
-    pub(super) cameras: Vec<SurveyedCamera>,
+pub(in crate::recording) struct Survey {
+    pub(in crate::recording) cameras: Vec<SurveyedCamera>,
     pub(super) channels: HashMap<u16, ChannelUse>,
     /// The metadata record.
-    pub(super) metadata: BTreeMap<String, String>,
+    pub(in crate::recording) metadata: BTreeMap<String, String>,
     /// Text of the rig file, if there is one.
-    pub(super) rig: Option<String>,
-    pub(super) ending: Ending,
+    pub(in crate::recording) rig: Option<String>,
+    pub(in crate::recording) ending: Ending,
     /// Number of messages on channels that are nowhere described.
     pub(super) n_unknown: u64,
     /// Bytes that are no records.
-    pub(super) damaged_bytes: u64,
+    pub(in crate::recording) damaged_bytes: u64,
 }
 
 impl Survey {

@@ -32,7 +32,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 
 pub use device::{Controls, Device, Mode, OpenCamera, V4l2Device};
 pub use report::{CameraReport, CameraStage, Report, Skew};
-pub use simulated::{SimulatedDevice, SimulatedMethod};
+pub use simulated::{SimulatedDevice, SimulatedFault, SimulatedMethod};
 
 use crate::handover::{HandoverError, Publisher};
 use crate::lockstep::LockstepSettings;

@@ -23,6 +23,7 @@
 //! **What is not in here**: no GPU; no calibration (of a rig file only names, roles and sizes of the cameras are read);
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.
 
+pub mod config;
 pub mod controls;
 pub mod frame;
 pub mod grouping;
@@ -34,7 +35,9 @@ pub mod pool;
 pub mod recording;
 pub mod source;
 pub mod stamps;
+pub mod status;
 
+pub use config::{CaptureConfig, ConfigError};
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use frame::{
     BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Pixels, Size, Ycbcr, YcbcrMatrix, YcbcrRange,

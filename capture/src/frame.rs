@@ -177,6 +177,11 @@ impl Pixels {
         }
     }
 
+    /// The same bytes under another owner, not copied.
+    pub(crate) fn shared_bytes(&self) -> Bytes {
+        self.bytes.clone()
+    }
+
     /// Where other processes find them, if they can.
     pub(crate) fn place(&self) -> Option<SharedPlace> {
         self.place

@@ -25,6 +25,8 @@
 
 pub mod config;
 pub mod controls;
+pub mod daemon;
+pub mod decode;
 pub mod frame;
 pub mod grouping;
 pub mod handover;
@@ -36,9 +38,11 @@ pub mod recording;
 pub mod source;
 pub mod stamps;
 pub mod status;
+pub mod v4l2;
 
 pub use config::{CaptureConfig, ConfigError};
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
+pub use decode::{DecodeError, to_rgb8};
 pub use frame::{
     BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Pixels, Size, Ycbcr, YcbcrMatrix, YcbcrRange,
 };
@@ -46,5 +50,6 @@ pub use grouping::{DEFAULT_MAX_SKEW, Grouper, GroupingCounters};
 pub use handover::{HandoverError, Publisher, Received, Subscriber};
 pub use meter::{Meter, Response, Statistics};
 pub use playback::{BadFramePolicy, Playback, PlaybackStats, PlaybackThread, Progress, play_in_thread};
-pub use recording::{Pace, Player, Repeat};
+pub use pool::{HeapPool, Lease, Pool};
+pub use recording::{Pace, Player, Repeat, open_recording};
 pub use source::{CameraDescription, CameraRole, Next, Source, SourceError};

@@ -1,5 +1,7 @@
 //! The daemon: plays a recording as if it were cameras and publishes its frame sets to other processes.
 
+mod commands;
+
 use std::error::Error;
 use std::io::IsTerminal;
 use std::num::NonZeroU32;
@@ -12,9 +14,13 @@ use std::time::{Duration, Instant};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mirrorball_capture::handover::{self, DEFAULT_SERVICE};
 use mirrorball_capture::{
-    BadFramePolicy, DEFAULT_MAX_SKEW, Grouper, HandoverError, Pace, Playback, Player, Progress, Repeat, Source,
+    BadFramePolicy, DEFAULT_MAX_SKEW, Grouper, HandoverError, Pace, Playback, Progress, Repeat, open_recording,
 };
 use tracing_subscriber::EnvFilter;
+
+use commands::CommandError;
+
+mod commands;
 
 /// Publishes frames to `mirrorball-render`.
 #[derive(Debug, Parser)]
@@ -26,14 +32,26 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plays an image-folder recording as if it were cameras.
+    /// Plays a recording as if it were cameras.
     Play(PlayArgs),
+    /// Lists cameras with their formats and controls.
+    Devices(commands::devices::DevicesArgs),
+    /// Says what is wrong with a set-up of cameras, and what to do about it.
+    Doctor(commands::doctor::DoctorArgs),
+    /// Records what the daemon publishes into an MCAP file.
+    Record(commands::record::RecordArgs),
+    /// Says what a recording holds.
+    Info(commands::info::InfoArgs),
+    /// Writes an MCAP recording as an image folder.
+    Export(commands::export::ExportArgs),
+    /// Writes an image folder as an MCAP recording.
+    Import(commands::import::ImportArgs),
 }
 
 #[derive(Debug, Args)]
 struct PlayArgs {
-    /// Folder with `rig.toml`, `frames.csv` and the pictures.
-    #[arg(value_name = "DIR")]
+    /// An MCAP file, or a folder with `rig.toml`, `frames.csv` and the pictures.
+    #[arg(value_name = "FILE|DIR")]
     recording: PathBuf,
     /// How fast to play.
     #[arg(long, value_enum, default_value_t = PaceArg::Recorded)]
@@ -68,6 +86,8 @@ enum PaceArg {
 enum DaemonError {
     #[error(transparent)]
     Handover(#[from] HandoverError),
+    #[error(transparent)]
+    Command(#[from] CommandError),
     #[error("cannot install the handlers of SIGTERM and SIGINT")]
     Signals(#[source] std::io::Error),
 }
@@ -76,13 +96,15 @@ impl DaemonError {
     fn exit_code(&self) -> ExitCode {
         match self {
             Self::Handover(error) if error.is_bad_input() => ExitCode::from(EXIT_BAD_INPUT),
-            Self::Handover(_) | Self::Signals(_) => ExitCode::FAILURE,
+            Self::Command(error) if error.is_bad_input() => ExitCode::from(EXIT_BAD_INPUT),
+            Self::Handover(_) | Self::Command(_) | Self::Signals(_) => ExitCode::FAILURE,
         }
     }
 
     fn hint(&self) -> &'static str {
         match self {
             Self::Handover(error) => error.hint(),
+            Self::Command(error) => error.hint(),
             Self::Signals(_) => "run it where processes may handle signals",
         }
     }
@@ -105,8 +127,18 @@ fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
     log.with_ansi(is_terminal).with_target(false).init();
-    let Command::Play(args) = cli.command;
-    match play(&args) {
+    let result = match cli.command {
+        Command::Play(args) => play(&args),
+        Command::Devices(args) => return commands::finish(commands::devices::run(&args)),
+        Command::Doctor(args) => return commands::finish(commands::doctor::run(&args)),
+    let result = match &cli.command {
+        Command::Play(args) => play(args),
+        Command::Record(args) => record(args),
+        Command::Info(args) => commands::info::info(args).map_err(DaemonError::from),
+        Command::Export(args) => commands::export::export(args).map_err(DaemonError::from),
+        Command::Import(args) => commands::import::import(args).map_err(DaemonError::from),
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             print_error(&error);
@@ -117,6 +149,11 @@ fn main() -> ExitCode {
 
 fn default_max_skew_ms() -> u32 {
     u32::try_from(DEFAULT_MAX_SKEW.as_millis()).expect("the default is a few milliseconds")
+}
+
+fn record(args: &commands::record::RecordArgs) -> Result<(), DaemonError> {
+    let stop = stop_on_signals().map_err(CommandError::Signals)?;
+    Ok(commands::record::record(args, &stop)?)
 }
 
 fn play(args: &PlayArgs) -> Result<(), DaemonError> {
@@ -130,11 +167,11 @@ fn play(args: &PlayArgs) -> Result<(), DaemonError> {
     } else {
         Repeat::Times(args.repeat)
     };
-    let player = Player::open(&args.recording, pace, repeat).map_err(HandoverError::from)?;
+    let player = open_recording(&args.recording, pace, repeat).map_err(HandoverError::from)?;
     let grouper = Grouper::for_cameras(player.cameras(), Duration::from_millis(args.max_skew_ms.into()));
     let publisher = handover::publish_on(&args.service, player.cameras())?;
     tracing::info!("playing `{}` on service `{}`", args.recording.display(), args.service);
-    let mut playback = Playback::new(Box::new(player), grouper, publisher, BadFramePolicy::Skip);
+    let mut playback = Playback::new(player, grouper, publisher, BadFramePolicy::Skip);
     if args.wait_for_reader {
         wait_for_reader(&playback, &stop);
     }

@@ -23,6 +23,8 @@ pub trait Lease: Send {
     fn bytes_mut(&mut self) -> &mut [u8];
 
     /// Ends writing: the first `n_bytes` become the pixels of a frame, `n_bytes` at most the length of the buffer.
+    ///
+    /// Empty if the picture was lost on the way; no format admits that.
     fn freeze(self: Box<Self>, n_bytes: usize) -> Pixels;
 }
 

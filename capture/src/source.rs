@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::frame::{Frame, PixelFormat, Size};
+use crate::recording::mcap::McapReadError;
 
 /// What a camera of the rig is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +80,9 @@ pub enum SourceError {
         /// What was given as the recording.
         path: PathBuf,
     },
+    /// An MCAP recording cannot be played, or a part of it.
+    #[error(transparent)]
+    Mcap(#[from] McapReadError),
     /// A file of a recording cannot be read.
     #[error("cannot read `{}`", path.display())]
     ReadFile {
@@ -210,14 +214,27 @@ impl SourceError {
     /// True if only one frame is lost and the source can go on with the next one.
     #[must_use]
     pub fn is_skippable(&self) -> bool {
-        matches!(self, Self::BadFrame { .. })
+        match self {
+            Self::BadFrame { .. } => true,
+            Self::Mcap(error) => error.is_skippable(),
+            Self::NotAFolder { .. }
+            | Self::ReadFile { .. }
+            | Self::RigSyntax { .. }
+            | Self::RigValue { .. }
+            | Self::RigLeader { .. }
+            | Self::ListHeader { .. }
+            | Self::ListSyntax { .. }
+            | Self::ListValue { .. }
+            | Self::NoLeaderFrame { .. } => false,
+        }
     }
 
     /// One line on what to do about it.
     #[must_use]
     pub fn hint(&self) -> &'static str {
         match self {
-            Self::NotAFolder { .. } => "give the folder that holds `rig.toml` and `frames.csv`",
+            Self::Mcap(error) => error.hint(),
+            Self::NotAFolder { .. } => "give the folder that holds `rig.toml` and `frames.csv`, or an MCAP file",
             Self::ReadFile { .. } => "a recording needs readable files `rig.toml` and `frames.csv`",
             Self::RigSyntax { .. } | Self::RigValue { .. } => {
                 "every `[[camera]]` needs `name`, `role` and `size_px = [width, height]`"

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::prelude::{NodeBuilder, ServiceName, ipc_threadsafe};
-use mirrorball_capture::handover::packet::{PacketError, encode, packet_bytes_of};
+use mirrorball_capture::handover::packet::{PACKET_VERSION, PacketError, encode, packet_bytes};
 use mirrorball_capture::handover::{self, PublishOutcome, READERS_MAX};
 use mirrorball_capture::{
-    CameraDescription, CameraRole, Exposure, Frame, FrameMeta, FrameSet, HandoverError, PixelFormat, Pixels, Publisher,
-    Received, Size, Subscriber,
+    CameraDescription, CameraRole, Exposure, Frame, FrameMeta, FrameSet, HandoverError, PixelFormat, Pixels, Pool,
+    Publisher, Received, Size, Subscriber,
 };
 
 /// Far beyond what anything here takes: only a hang lasts this long.
@@ -382,10 +382,11 @@ fn bad_service_names_are_refused() {
 fn between_processes_a_bad_set_is_not_sent() {
     let (mut publisher, mut subscriber) = pair(Transport::Process);
     let mut large = set(1);
-    large.frames.push(large.frames[0].clone());
+    large.frames[0].size.width *= 2;
+    large.frames[0].pixels = large.frames[0].pixels.repeat(2).into();
     assert!(matches!(
         publisher.publish(large).unwrap_err(),
-        HandoverError::SetTooLarge { .. }
+        HandoverError::FrameTooLarge { .. }
     ));
     let mut broken = set(2);
     broken.frames[0].meta.exposure.gain = f64::NAN;
@@ -410,8 +411,8 @@ fn bad_data_in_shared_memory_is_an_error_and_no_more() {
         sample.payload_mut().copy_from_slice(bytes);
         sample.send().unwrap();
     };
-    let mut good = vec![0; packet_bytes_of(&set(1))];
-    encode(&set(1), 1, &mut good).unwrap();
+    let mut good = vec![0; packet_bytes(1)];
+    encode(&set(1), 1, 7, &[1], &mut good).unwrap();
     let mut other_version = good.clone();
     other_version[8] = 99;
     for (bytes, is_skippable) in [(&b"garbage"[..], true), (&good[..40], true), (&other_version, false)] {
@@ -428,9 +429,101 @@ fn bad_data_in_shared_memory_is_an_error_and_no_more() {
         source,
         PacketError::Version {
             found: 99,
-            supported: 1
+            supported: PACKET_VERSION
         }
     );
+    // Its pixels are nowhere.
     send(&good);
-    assert_eq!(receive(&mut subscriber), 1);
+    assert!(matches!(
+        subscriber.receive(Duration::from_millis(50)).unwrap(),
+        Received::TimedOut
+    ));
+    let mut publisher = handover::publish_on(&service, &cameras()).unwrap();
+    publisher.publish(set(2)).unwrap();
+    assert_eq!(receive(&mut subscriber), 2);
+}
+
+/// A set whose one frame was written into a buffer of the publisher's pool.
+fn set_in(pool: &mut dyn Pool, sequence: u64) -> FrameSet {
+    let mut set = set(sequence);
+    let mut lease = pool.lease().expect("a free buffer");
+    let n_bytes = set.frames[0].pixels.len();
+    lease.bytes_mut()[..n_bytes].copy_from_slice(&set.frames[0].pixels);
+    set.frames[0].pixels = lease.freeze(n_bytes);
+    set
+}
+
+#[test]
+fn what_is_written_into_the_pool_arrives() {
+    for transport in ALL {
+        let (mut publisher, mut subscriber) = pair(transport);
+        let mut pool = publisher.pool(4, size().pixels() * 3).unwrap();
+        for sequence in 1..200 {
+            let sent = set_in(&mut *pool, sequence);
+            assert_eq!(sent.frames[0].pixels[..], set(sequence).frames[0].pixels[..]);
+            publisher.publish(sent).unwrap();
+            let Received::Set(got) = subscriber.receive(WATCHDOG).unwrap() else {
+                panic!("{transport:?}")
+            };
+            assert_eq!(got.frames[0].pixels[..], set(sequence).frames[0].pixels[..]);
+        }
+    }
+}
+
+#[test]
+fn pool_and_copies_mix_between_processes() {
+    let (mut publisher, mut subscriber) = pair(Transport::Process);
+    let mut pool = publisher.pool(4, size().pixels() * 3).unwrap();
+    for sequence in 1..60 {
+        let sent = if sequence % 3 == 0 {
+            set(sequence)
+        } else {
+            set_in(&mut *pool, sequence)
+        };
+        // The same frame again, as when the other camera is the slower one.
+        publisher.publish(sent.clone()).unwrap();
+        publisher.publish(sent).unwrap();
+        let Received::Set(got) = subscriber.receive(WATCHDOG).unwrap() else {
+            panic!()
+        };
+        assert_eq!(got.frames[0].pixels[..], set(sequence).frames[0].pixels[..]);
+    }
+    // Counted from the first set received, the second one.
+    assert_eq!(subscriber.stats().missed, 58);
+}
+
+#[test]
+fn both_sides_may_keep_frames_for_ever() {
+    let (mut publisher, mut subscriber) = pair(Transport::Process);
+    let mut other = handover::subscribe_to(&unique_service()).unwrap();
+    let mut pool = publisher.pool(4, size().pixels() * 3).unwrap();
+    let mut kept = Vec::new();
+    for sequence in 1..300 {
+        let sent = set_in(&mut *pool, sequence);
+        kept.push((sequence, sent.clone()));
+        publisher.publish(sent).unwrap();
+        let Received::Set(got) = subscriber.receive(WATCHDOG).unwrap() else {
+            panic!()
+        };
+        kept.push((sequence, got));
+    }
+    assert!(matches!(other.receive(Duration::ZERO).unwrap(), Received::TimedOut));
+    drop(publisher);
+    drop(pool);
+    drop(subscriber);
+    for (sequence, kept) in &kept {
+        assert_eq!(kept.frames[0].pixels[..], set(*sequence).frames[0].pixels[..]);
+    }
+}
+
+#[test]
+fn buffers_of_a_pool_come_back() {
+    let (publisher, _subscriber) = pair(Transport::Process);
+    let mut pool = publisher.pool(4, size().pixels() * 3).unwrap();
+    for _ in 0..1000 {
+        let leases: Vec<_> = (0..32).map_while(|_| pool.lease()).collect();
+        assert_eq!(leases.len(), 32);
+    }
+    let too_large = publisher.pool(4, size().pixels() * 3 + 1).map(|_| ()).unwrap_err();
+    assert!(matches!(too_large, HandoverError::FrameTooLarge { .. }), "{too_large}");
 }

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use mirrorball_capture::playback::PlaybackThread;
 use mirrorball_capture::{
-    BadFramePolicy, DEFAULT_MAX_SKEW, Grouper, Pace, Player, Received, Repeat, Source, Subscriber, handover,
-    play_in_thread,
+    BadFramePolicy, DEFAULT_MAX_SKEW, FrameSet, Grouper, Pace, Player, Received, Repeat, Source, Subscriber, handover,
+    play_in_thread, to_rgb8,
 };
 
 use crate::error::RenderError;
@@ -38,6 +38,7 @@ pub struct Frames {
     subscriber: Subscriber,
     thread: Option<PlaybackThread>,
     from: String,
+    skips_bad_frames: bool,
     /// Number of frame sets to expect, when known.
     pub n_frames: Option<u64>,
 }
@@ -82,6 +83,7 @@ impl Frames {
                     subscriber,
                     thread: Some(thread),
                     from,
+                    skips_bad_frames: *bad_frames == BadFramePolicy::Skip,
                     n_frames: Some(n_frames as u64),
                 })
             }
@@ -94,6 +96,7 @@ impl Frames {
                     subscriber,
                     thread: None,
                     from: service.clone(),
+                    skips_bad_frames: true,
                     n_frames: None,
                 })
             }
@@ -182,16 +185,7 @@ impl App {
     /// Whatever stops the run. Live, a bad frame is counted and skipped instead.
     pub fn step(&mut self, patience: Duration) -> Result<Step, RenderError> {
         match self.frames.subscriber.receive(patience) {
-            Ok(Received::Set(set)) => match self.node.render(&set) {
-                Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
-                Err(error @ (RenderError::FrameSize { .. } | RenderError::NoSceneFrame { .. }))
-                    if self.frames.is_live() =>
-                {
-                    self.skip(&error);
-                    Ok(Step::Skipped)
-                }
-                Err(error) => Err(error),
-            },
+            Ok(Received::Set(set)) => self.use_set(set),
             Ok(Received::TimedOut) => Ok(Step::Waiting),
             Ok(Received::Ended) => {
                 self.join_reader()?;
@@ -206,6 +200,50 @@ impl App {
                 source: Box::new(source),
             }),
         }
+    }
+
+    fn use_set(&mut self, set: FrameSet) -> Result<Step, RenderError> {
+        let set = self.decode(&set)?;
+        if set.frames.is_empty() {
+            return Ok(Step::Skipped);
+        }
+        match self.node.render(&set) {
+            Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
+            Err(error @ (RenderError::FrameSize { .. } | RenderError::NoSceneFrame { .. }))
+                if self.frames.is_live() =>
+            {
+                self.skip(&error);
+                Ok(Step::Skipped)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The set in 8-bit RGB. A frame that cannot be decoded is left out where frames may be skipped; if it is the leading
+    /// one nothing is left.
+    fn decode(&mut self, set: &FrameSet) -> Result<FrameSet, RenderError> {
+        let mut frames = Vec::with_capacity(set.frames.len());
+        for (index, frame) in set.frames.iter().enumerate() {
+            let error = match to_rgb8(frame) {
+                Ok(decoded) => {
+                    frames.push(decoded);
+                    continue;
+                }
+                Err(source) => RenderError::Decode {
+                    camera: frame.meta.camera.to_string(),
+                    sequence: frame.meta.sequence,
+                    source,
+                },
+            };
+            if !self.frames.skips_bad_frames {
+                return Err(error);
+            }
+            self.skip(&error);
+            if index == 0 {
+                break;
+            }
+        }
+        Ok(FrameSet { frames })
     }
 
     fn finish(&mut self, frame: RenderedFrame) -> Result<RenderedFrame, RenderError> {

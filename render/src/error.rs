@@ -106,6 +106,17 @@ pub enum RenderError {
         #[source]
         source: std::io::Error,
     },
+    /// A frame's bytes are no picture.
+    #[error("cannot decode frame {sequence} of camera `{camera}`")]
+    Decode {
+        /// Camera's name.
+        camera: String,
+        /// Frame's sequence number.
+        sequence: u64,
+        /// What is wrong.
+        #[source]
+        source: mirrorball_capture::DecodeError,
+    },
     /// A frame is not what the rig says.
     #[error("frame {sequence} of camera `{camera}` is {found:?} pixels, the rig says {expected:?}")]
     FrameSize {
@@ -175,6 +186,7 @@ impl RenderError {
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
             Self::Signals { .. } => None,
+            Self::Decode { .. } => Some("skip bad frames with `--skip-bad-frames`".into()),
             Self::FrameSize { .. } => Some("give the rig file that belongs to this camera mode".into()),
             Self::NoAdapter { .. } => {
                 Some("install a Vulkan driver; `apt-get install mesa-vulkan-drivers` gives a software one".into())
@@ -201,6 +213,7 @@ impl RenderError {
             | Self::NoProbe { .. }
             | Self::Recording { .. }
             | Self::NoSceneFrame { .. }
+            | Self::Decode { .. }
             | Self::FrameSize { .. }
             | Self::Write { .. } => true,
             Self::Handover { source, .. } => source.is_bad_input(),

@@ -48,14 +48,14 @@ pub enum HandoverError {
         /// Number of readers.
         n_readers: usize,
     },
-    /// A set is larger than the room reserved for it from the sizes of the cameras.
-    #[error("the frame set has {set_bytes} bytes, service `{service}` was opened for sets up to {limit_bytes}")]
-    SetTooLarge {
+    /// A frame is larger than the blocks reserved for the frames of the cameras.
+    #[error("the frame has {frame_bytes} bytes, service `{service}` was opened for frames up to {limit_bytes}")]
+    FrameTooLarge {
         /// Name of the service.
         service: String,
-        /// Length of the set's packet.
-        set_bytes: usize,
-        /// Longest packet there is room for.
+        /// Length of the frame's pixels.
+        frame_bytes: usize,
+        /// Longest there is room for.
         limit_bytes: usize,
     },
     /// A set cannot be published because it breaks a promise of [`FrameSet`](crate::FrameSet).
@@ -102,7 +102,7 @@ impl HandoverError {
             | Self::OpenService { .. }
             | Self::PublisherExists { .. }
             | Self::TooManyReaders { .. }
-            | Self::SetTooLarge { .. }
+            | Self::FrameTooLarge { .. }
             | Self::InvalidSet { .. }
             | Self::Exchange { .. } => false,
         }
@@ -127,7 +127,7 @@ impl HandoverError {
             }
             Self::PublisherExists { .. } => "stop the other `mirrorball-capture` or choose another `--service`",
             Self::TooManyReaders { .. } => "stop one of the readers",
-            Self::SetTooLarge { .. } | Self::InvalidSet { .. } => "the source has broken a promise; please report it",
+            Self::FrameTooLarge { .. } | Self::InvalidSet { .. } => "the source has broken a promise; please report it",
             Self::BadPacket { .. } => "install the same version of `mirrorball-capture` and of the program that reads",
             Self::Exchange { .. } => "look for room in `/dev/shm`, then restart both programs",
         }

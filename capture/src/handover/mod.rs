@@ -14,8 +14,9 @@
 //! - inside one process the end of the stream, its errors and a panic of the publisher reach the reader, after every
 //!   set that was published before; between processes either side may die and come back, and the other waits for it.
 //!
-//! Inside one process sets travel by reference. Between processes a set is written once into shared memory by the
-//! publisher and copied once out of it by the reader, so that a reader which keeps frames never holds up the exchange.
+//! Inside one process sets travel by reference. Between processes the pixels lie in shared memory: sources that write
+//! into a [`Publisher::pool`] put them there themselves, all others are copied there once, and readers read them where
+//! they are. A reader that keeps many frames gets copies of the next ones, so that it never holds up the exchange.
 //!
 //! [lossless]: lossless
 //! [newest wins]: newest
@@ -24,10 +25,13 @@
 use std::time::Duration;
 
 use crate::frame::FrameSet;
+use crate::pool::{HeapPool, Pool};
 use crate::source::CameraDescription;
 
 mod error;
+mod format_code;
 pub mod packet;
+mod pixels;
 mod process;
 mod service;
 mod thread;
@@ -163,7 +167,7 @@ pub fn newest() -> (Publisher, Subscriber) {
     )
 }
 
-/// Opens the sending end between processes, with room for sets of `cameras`.
+/// Opens the sending end between processes, with room for frames of `cameras`.
 ///
 /// Readers may be there already or come later. What dead processes have left behind is cleared away first.
 ///
@@ -171,7 +175,9 @@ pub fn newest() -> (Publisher, Subscriber) {
 ///
 /// [`HandoverError`] if the name is not allowed, shared memory cannot be had, or another process publishes there.
 pub fn publish_on(service: &str, cameras: &[CameraDescription]) -> Result<Publisher, HandoverError> {
-    let publisher = process::ProcessPublisher::open(service, packet::packet_bytes_for(cameras))?;
+    let frame_bytes = |camera: &CameraDescription| camera.format.max_bytes(camera.size);
+    let block_bytes = cameras.iter().map(frame_bytes).max().unwrap_or(1);
+    let publisher = process::ProcessPublisher::open(service, block_bytes)?;
     Ok(Publisher::new(PublisherTransport::Process(Box::new(publisher))))
 }
 
@@ -221,6 +227,21 @@ impl Publisher {
             PublishOutcome::NoReader | PublishOutcome::Closed => self.stats.unread += 1,
         }
         Ok(outcome)
+    }
+
+    /// A pool for a source to write frames into: in shared memory where readers in other processes see them without a
+    /// copy, else `n_buffers` on the heap. Buffers are `buffer_bytes` long.
+    ///
+    /// # Errors
+    ///
+    /// [`HandoverError::FrameTooLarge`] if the publisher was opened for smaller frames.
+    pub fn pool(&self, n_buffers: usize, buffer_bytes: usize) -> Result<Box<dyn Pool>, HandoverError> {
+        match &self.transport {
+            PublisherTransport::Lossless(_) | PublisherTransport::Newest(_) => {
+                Ok(Box::new(HeapPool::new(n_buffers, buffer_bytes)))
+            }
+            PublisherTransport::Process(publisher) => Ok(Box::new(publisher.pool(buffer_bytes)?)),
+        }
     }
 
     /// Ends the stream with an error, which reaches the reader after all sets before it.

@@ -1,39 +1,29 @@
-//! A frame set as bytes, for the way through shared memory. Version 2, native byte order, everything without padding:
+//! A frame set as bytes, for the way through shared memory. Version 3, native byte order, everything without padding:
 //!
 //! | bytes | what |
 //! | --- | --- |
-//! | 32 | the set: magic, version, number of frames, running number of the set, length of the packet |
-//! | 184 per frame | who, when, how, size, format, length of the pixels |
-//! | the rest | the pixels of all frames in the same order |
+//! | 48 | the set: magic, version, number of frames, running number of the set, length of the packet, whose pixels |
+//! | 192 per frame | who, when, how, size, format, number of the block with the pixels, and their length |
 //!
-//! A reader believes nothing: whatever the bytes are, [`decode`] returns a frame set that keeps every promise of
-//! [`Frame`], or an error.
+//! The pixels are not in the packet: they lie in blocks of shared memory that are sent before it, each with a running
+//! number (`handover/pixels.rs`).
+//!
+//! A reader believes nothing: whatever the bytes are, [`decode`] returns records that keep every promise of [`Frame`],
+//! or an error.
 
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::frame::{
-    BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, Size, Ycbcr, YcbcrMatrix, YcbcrRange,
-};
-use crate::source::{CAMERAS_MAX, CameraDescription, NAME_MAX_BYTES, SIDE_MAX_PX};
+use super::format_code::{code_of, format_of};
+use crate::frame::{BufferFlags, Exposure, Frame, FrameMeta, FrameSet, PixelFormat, SharedPlace, Size};
+use crate::source::{CAMERAS_MAX, NAME_MAX_BYTES, SIDE_MAX_PX};
 
 /// First bytes of every packet.
 const MAGIC: [u8; 8] = *b"MIRRBALL";
 
 /// Version of the layout; raised with every change to it.
-pub const PACKET_VERSION: u32 = 2;
-
-/// Codes of the formats. To those of Y'CbCr the code of matrix and range is added.
-mod format_code {
-    pub(super) const RGB8: u32 = 1;
-    pub(super) const GREY8: u32 = 2;
-    pub(super) const MJPEG: u32 = 3;
-    pub(super) const YUYV: u32 = 16;
-    pub(super) const NV12: u32 = 32;
-    pub(super) const BT709: u32 = 1;
-    pub(super) const FULL_RANGE: u32 = 2;
-}
+pub const PACKET_VERSION: u32 = 3;
 
 /// What a packet begins with.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -44,6 +34,7 @@ struct SetHeader {
     n_frames: u32,
     set_number: u64,
     packet_bytes: u64,
+    pixel_publisher: [u64; 2],
 }
 
 /// What stands for each frame.
@@ -56,6 +47,7 @@ struct FrameHeader {
     width: u32,
     height: u32,
     pixel_bytes: u64,
+    block_number: u64,
     sequence: u64,
     timestamp_ns: u64,
     exposure_time_s: f64,
@@ -135,6 +127,14 @@ pub enum PacketError {
         /// Length of the pixels.
         pixel_bytes: u64,
     },
+    /// The block with a frame's pixels is shorter or longer than its record says.
+    #[error("the pixels of a frame have {found_bytes} bytes, its record says {expected_bytes}")]
+    Pixels {
+        /// Length of the pixels.
+        found_bytes: usize,
+        /// Length that the record gives.
+        expected_bytes: usize,
+    },
     /// A frame's exposure time, gain, white balance or residual is not a finite number above 0.
     #[error("frame {frame_index} has {quantity} = {found}, allowed is a finite number above 0")]
     Exposure {
@@ -147,98 +147,123 @@ pub enum PacketError {
     },
 }
 
-/// Length of the packet of a set with one frame of each of `cameras`.
+/// Length of the longest packet there is.
+pub(super) const PACKET_MAX_BYTES: usize = packet_bytes(CAMERAS_MAX);
+
+/// Length of the packet of a set of `n_frames`.
 #[must_use]
-pub fn packet_bytes_for(cameras: &[CameraDescription]) -> usize {
-    let frame_bytes = |camera: &CameraDescription| FRAME_HEADER_BYTES + camera.format.max_bytes(camera.size);
-    SET_HEADER_BYTES + cameras.iter().map(frame_bytes).sum::<usize>()
+pub const fn packet_bytes(n_frames: usize) -> usize {
+    SET_HEADER_BYTES + n_frames * FRAME_HEADER_BYTES
 }
 
-/// Length of the packet of this set.
-#[must_use]
-pub fn packet_bytes_of(set: &FrameSet) -> usize {
-    let frame_bytes = |frame: &Frame| FRAME_HEADER_BYTES + frame.pixels.len();
-    SET_HEADER_BYTES + set.frames.iter().map(frame_bytes).sum::<usize>()
+/// What a packet says about one frame: everything but the pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameRecord {
+    /// Who, when, how.
+    pub meta: FrameMeta,
+    /// Width and height.
+    pub size: Size,
+    /// Layout of the pixels.
+    pub format: PixelFormat,
+    /// Running number of the block with the pixels, among those of their publisher.
+    pub block_number: u64,
+    /// Length of the pixels; the format and size admit it.
+    pub pixel_bytes: usize,
 }
 
-/// Writes the set, with its running number, into `packet`, which is [`packet_bytes_of`] the set long.
+/// What a packet says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetRecord {
+    /// Running number of the set.
+    pub number: u64,
+    /// Who has sent the blocks with the pixels.
+    pub pixel_publisher: u128,
+    /// Its frames, the leading camera's first.
+    pub frames: Vec<FrameRecord>,
+}
+
+impl SetRecord {
+    /// Where the pixels of a frame lie.
+    pub(super) fn place_of(&self, frame: &FrameRecord) -> SharedPlace {
+        SharedPlace {
+            publisher: self.pixel_publisher,
+            number: frame.block_number,
+        }
+    }
+}
+
+/// Writes the set, with its running number, into `packet`, which is [`packet_bytes`] long; the pixels of its frames
+/// are in blocks of `pixel_publisher` with the numbers `blocks`, one per frame.
 ///
 /// # Errors
 ///
 /// [`PacketError`] if the set breaks a promise a reader checks; `packet` is then in an undefined state.
-pub fn encode(set: &FrameSet, set_number: u64, packet: &mut [u8]) -> Result<(), PacketError> {
-    let (found_bytes, expected_bytes) = (packet.len() as u64, packet_bytes_of(set) as u64);
+pub fn encode(
+    set: &FrameSet,
+    set_number: u64,
+    pixel_publisher: u128,
+    blocks: &[u64],
+    packet: &mut [u8],
+) -> Result<(), PacketError> {
+    let n_frames = frame_count(set.frames.len() as u64)?;
+    let (found_bytes, expected_bytes) = (packet.len() as u64, packet_bytes(n_frames) as u64);
     if found_bytes != expected_bytes {
         return Err(PacketError::Length {
             found_bytes,
             expected_bytes,
         });
     }
-    let n_frames = frame_count(set.frames.len() as u64)?;
     let header = SetHeader {
         magic: MAGIC,
         version: PACKET_VERSION,
         n_frames: u32::try_from(n_frames).expect("the count was checked against a small maximum"),
         set_number,
         packet_bytes: expected_bytes,
+        pixel_publisher: [pixel_publisher as u64, (pixel_publisher >> 64) as u64],
     };
-    let (start, rest) = packet.split_at_mut(SET_HEADER_BYTES);
+    let (start, headers) = packet.split_at_mut(SET_HEADER_BYTES);
     start.copy_from_slice(bytemuck::bytes_of(&header));
-    let (headers, mut pixels) = rest.split_at_mut(n_frames * FRAME_HEADER_BYTES);
-    for (index, frame) in set.frames.iter().enumerate() {
-        let header = header_of(index, frame)?;
-        check_name_is_new(index, &frame.meta.camera, &set.frames[..index])?;
-        headers[index * FRAME_HEADER_BYTES..][..FRAME_HEADER_BYTES].copy_from_slice(bytemuck::bytes_of(&header));
-        let (here, rest) = pixels.split_at_mut(frame.pixels.len());
-        here.copy_from_slice(&frame.pixels);
-        pixels = rest;
+    let places = headers.chunks_exact_mut(FRAME_HEADER_BYTES);
+    for (index, ((frame, block_number), place)) in set.frames.iter().zip(blocks).zip(places).enumerate() {
+        check_name_is_new(
+            index,
+            &frame.meta.camera,
+            set.frames[..index].iter().map(|frame| &frame.meta),
+        )?;
+        place.copy_from_slice(bytemuck::bytes_of(&header_of(index, frame, *block_number)?));
     }
     Ok(())
 }
 
-/// Reads a set and its running number from `packet`, copying the pixels.
+/// Reads what `packet` says.
 ///
 /// # Errors
 ///
 /// [`PacketError`] if the bytes are not exactly one valid packet.
-pub fn decode(packet: &[u8]) -> Result<(u64, FrameSet), PacketError> {
+pub fn decode(packet: &[u8]) -> Result<SetRecord, PacketError> {
     let header = read_set_header(packet)?;
     let n_frames = frame_count(header.n_frames.into())?;
-    let headers_bytes = SET_HEADER_BYTES + n_frames * FRAME_HEADER_BYTES;
     let found_bytes = packet.len() as u64;
-    let Some(headers) = packet.get(SET_HEADER_BYTES..headers_bytes) else {
-        return Err(PacketError::Length {
-            found_bytes,
-            expected_bytes: headers_bytes as u64,
-        });
-    };
-    let headers: Vec<FrameHeader> = headers
-        .chunks_exact(FRAME_HEADER_BYTES)
-        .map(bytemuck::pod_read_unaligned)
-        .collect();
-    let mut expected_bytes = headers_bytes as u64;
-    for (index, header) in headers.iter().enumerate() {
-        check_format_and_size(index, header)?;
-        expected_bytes += header.pixel_bytes;
-    }
-    for claimed_bytes in [expected_bytes, header.packet_bytes] {
-        if claimed_bytes != found_bytes {
+    for expected_bytes in [packet_bytes(n_frames) as u64, header.packet_bytes] {
+        if expected_bytes != found_bytes {
             return Err(PacketError::Length {
                 found_bytes,
-                expected_bytes: claimed_bytes,
+                expected_bytes,
             });
         }
     }
-    let mut frames = Vec::with_capacity(n_frames);
-    let mut rest = &packet[headers_bytes..];
-    for (index, frame_header) in headers.iter().enumerate() {
-        let (pixels, after) = rest.split_at(frame_header.pixel_bytes as usize);
-        rest = after;
-        let frame = read_frame(index, frame_header, pixels)?;
-        check_name_is_new(index, &frame.meta.camera, &frames)?;
+    let mut frames: Vec<FrameRecord> = Vec::with_capacity(n_frames);
+    for (index, bytes) in packet[SET_HEADER_BYTES..].chunks_exact(FRAME_HEADER_BYTES).enumerate() {
+        let frame = read_frame(index, &bytemuck::pod_read_unaligned(bytes))?;
+        check_name_is_new(index, &frame.meta.camera, frames.iter().map(|frame| &frame.meta))?;
         frames.push(frame);
     }
-    Ok((header.set_number, FrameSet { frames }))
+    let [low, high] = header.pixel_publisher;
+    Ok(SetRecord {
+        number: header.set_number,
+        pixel_publisher: u128::from(high) << 64 | u128::from(low),
+        frames,
+    })
 }
 
 fn read_set_header(packet: &[u8]) -> Result<SetHeader, PacketError> {
@@ -269,7 +294,7 @@ fn frame_count(n_frames: u64) -> Result<usize, PacketError> {
     count.ok_or(PacketError::FrameCount { n_frames })
 }
 
-fn header_of(frame_index: usize, frame: &Frame) -> Result<FrameHeader, PacketError> {
+fn header_of(frame_index: usize, frame: &Frame, block_number: u64) -> Result<FrameHeader, PacketError> {
     let camera = &frame.meta.camera;
     let mut name = [0; NAME_MAX_BYTES];
     if camera.is_empty() || camera.len() > NAME_MAX_BYTES {
@@ -288,6 +313,7 @@ fn header_of(frame_index: usize, frame: &Frame) -> Result<FrameHeader, PacketErr
         width: frame.size.width,
         height: frame.size.height,
         pixel_bytes: frame.pixels.len() as u64,
+        block_number,
         sequence: frame.meta.sequence,
         timestamp_ns: frame.meta.timestamp_ns,
         exposure_time_s: frame.meta.exposure.time_s,
@@ -303,52 +329,8 @@ fn header_of(frame_index: usize, frame: &Frame) -> Result<FrameHeader, PacketErr
     Ok(header)
 }
 
-fn code_of(format: PixelFormat) -> u32 {
-    match format {
-        PixelFormat::Rgb8 => format_code::RGB8,
-        PixelFormat::Grey8 => format_code::GREY8,
-        PixelFormat::Mjpeg => format_code::MJPEG,
-        PixelFormat::Yuyv(ycbcr) => format_code::YUYV + code_of_ycbcr(ycbcr),
-        PixelFormat::Nv12(ycbcr) => format_code::NV12 + code_of_ycbcr(ycbcr),
-    }
-}
-
-fn code_of_ycbcr(ycbcr: Ycbcr) -> u32 {
-    let matrix = match ycbcr.matrix {
-        YcbcrMatrix::Bt601 => 0,
-        YcbcrMatrix::Bt709 => format_code::BT709,
-    };
-    let range = match ycbcr.range {
-        YcbcrRange::Limited => 0,
-        YcbcrRange::Full => format_code::FULL_RANGE,
-    };
-    matrix + range
-}
-
-fn format_of(code: u32) -> Option<PixelFormat> {
-    let ycbcr = Ycbcr {
-        matrix: if code & format_code::BT709 == 0 {
-            YcbcrMatrix::Bt601
-        } else {
-            YcbcrMatrix::Bt709
-        },
-        range: if code & format_code::FULL_RANGE == 0 {
-            YcbcrRange::Limited
-        } else {
-            YcbcrRange::Full
-        },
-    };
-    match code {
-        format_code::RGB8 => Some(PixelFormat::Rgb8),
-        format_code::GREY8 => Some(PixelFormat::Grey8),
-        format_code::MJPEG => Some(PixelFormat::Mjpeg),
-        _ if code & !3 == format_code::YUYV => Some(PixelFormat::Yuyv(ycbcr)),
-        _ if code & !3 == format_code::NV12 => Some(PixelFormat::Nv12(ycbcr)),
-        _ => None,
-    }
-}
-
-fn read_frame(frame_index: usize, header: &FrameHeader, pixels: &[u8]) -> Result<Frame, PacketError> {
+fn read_frame(frame_index: usize, header: &FrameHeader) -> Result<FrameRecord, PacketError> {
+    let format = check_format_and_size(frame_index, header)?;
     let exposure = Exposure {
         time_s: header.exposure_time_s,
         gain: header.gain,
@@ -369,11 +351,12 @@ fn read_frame(frame_index: usize, header: &FrameHeader, pixels: &[u8]) -> Result
         width: header.width,
         height: header.height,
     };
-    Ok(Frame {
+    Ok(FrameRecord {
         meta,
         size,
-        format: check_format_and_size(frame_index, header)?,
-        pixels: pixels.to_vec().into(),
+        format,
+        block_number: header.block_number,
+        pixel_bytes: header.pixel_bytes as usize,
     })
 }
 
@@ -389,8 +372,12 @@ fn read_name(frame_index: usize, header: &FrameHeader) -> Result<Arc<str>, Packe
     }
 }
 
-fn check_name_is_new(frame_index: usize, camera: &str, before: &[Frame]) -> Result<(), PacketError> {
-    if before.iter().any(|frame| &*frame.meta.camera == camera) {
+fn check_name_is_new<'a>(
+    frame_index: usize,
+    camera: &str,
+    mut before: impl Iterator<Item = &'a FrameMeta>,
+) -> Result<(), PacketError> {
+    if before.any(|meta| &*meta.camera == camera) {
         let found = camera.to_owned();
         return Err(PacketError::CameraName {
             frame_index,
@@ -456,6 +443,8 @@ mod tests {
 
     use super::*;
 
+    const PUBLISHER: u128 = 0x0123_4567_89AB_CDEF_0011_2233_4455_6677;
+
     fn frame(camera: &str, size: Size, seed: u8) -> Frame {
         let exposure = Exposure {
             time_s: 0.01,
@@ -488,35 +477,36 @@ mod tests {
     }
 
     fn encoded(set: &FrameSet, number: u64) -> Result<Vec<u8>, PacketError> {
-        let mut packet = vec![0xAA; packet_bytes_of(set)];
-        encode(set, number, &mut packet).map(|()| packet)
+        let mut packet = vec![0xAA; packet_bytes(set.frames.len())];
+        let blocks: Vec<u64> = (1..).take(set.frames.len()).collect();
+        encode(set, number, PUBLISHER, &blocks, &mut packet).map(|()| packet)
     }
 
     #[test]
     fn headers_have_the_sizes_they_are_documented_with() {
-        assert_eq!((SET_HEADER_BYTES, FRAME_HEADER_BYTES), (32, 144));
+        assert_eq!((SET_HEADER_BYTES, FRAME_HEADER_BYTES), (48, 192));
     }
 
     #[test]
     fn a_set_comes_back_as_it_was() {
         let set = set();
-        let (number, back) = decode(&encoded(&set, 99).unwrap()).unwrap();
-        assert_eq!(number, 99);
+        let back = decode(&encoded(&set, 99).unwrap()).unwrap();
+        assert_eq!((back.number, back.pixel_publisher), (99, PUBLISHER));
         assert_eq!(back.frames.len(), 2);
-        for (frame, back) in set.frames.iter().zip(&back.frames) {
+        for ((frame, back), number) in set.frames.iter().zip(&back.frames).zip(1..) {
             assert_eq!(frame.meta, back.meta);
             assert_eq!((frame.size, frame.format), (back.size, back.format));
-            assert_eq!(frame.pixels[..], back.pixels[..]);
+            assert_eq!((frame.pixels.len(), number), (back.pixel_bytes, back.block_number));
         }
     }
 
     #[test]
     fn another_version_is_named() {
         let mut packet = encoded(&set(), 0).unwrap();
-        packet[8] = 2;
+        packet[8] = 1;
         assert_eq!(
             decode(&packet).unwrap_err(),
-            PacketError::Version { found: 2, supported: 1 }
+            PacketError::Version { found: 1, supported: 3 }
         );
     }
 
@@ -577,11 +567,16 @@ mod tests {
     }
 
     /// What decoding promises of a set, whatever the bytes were.
-    fn keeps_promises(set: &FrameSet) -> bool {
-        let is_good = |frame: &Frame| {
+    fn keeps_promises(set: &SetRecord) -> bool {
+        let is_good = |frame: &FrameRecord| {
             let exposure = &frame.meta.exposure;
-            let numbers = [&[exposure.time_s, exposure.gain], &exposure.white_balance[..]].concat();
-            frame.pixels.len() == frame.size.pixels() * 3
+            let numbers = [
+                &[exposure.time_s, exposure.gain],
+                &exposure.white_balance[..],
+                &frame.meta.residual,
+            ]
+            .concat();
+            frame.format.admits(frame.size, frame.pixel_bytes)
                 && (1..=NAME_MAX_BYTES).contains(&frame.meta.camera.len())
                 && numbers.iter().all(|number| number.is_finite() && *number > 0.0)
         };
@@ -593,22 +588,22 @@ mod tests {
 
         #[test]
         fn no_bytes_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
-            prop_assert!(decode(&bytes).map_or(true, |(_, set)| keeps_promises(&set)));
+            prop_assert!(decode(&bytes).map_or(true, |set| keeps_promises(&set)));
             let with_start = [&MAGIC[..], &PACKET_VERSION.to_ne_bytes(), &bytes].concat();
-            prop_assert!(decode(&with_start).map_or(true, |(_, set)| keeps_promises(&set)));
+            prop_assert!(decode(&with_start).map_or(true, |set| keeps_promises(&set)));
         }
 
         #[test]
         fn no_corruption_panics(
-            changes in proptest::collection::vec((0usize..352, any::<u8>()), 1..6), cut in 0usize..500,
+            changes in proptest::collection::vec((0usize..432, any::<u8>()), 1..6), cut in 0usize..500,
         ) {
             let mut packet = encoded(&set(), 1).unwrap();
             for (place, value) in changes {
                 packet[place] = value;
             }
-            prop_assert!(decode(&packet).map_or(true, |(_, set)| keeps_promises(&set)));
+            prop_assert!(decode(&packet).map_or(true, |set| keeps_promises(&set)));
             packet.truncate(cut);
-            prop_assert!(decode(&packet).map_or(true, |(_, set)| keeps_promises(&set)));
+            prop_assert!(decode(&packet).map_or(true, |set| keeps_promises(&set)));
         }
     }
 }

@@ -19,6 +19,7 @@ use iceoryx2::service::ipc_threadsafe::Service as Ipc;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
 
+use super::pixels::{BORROWED_BLOCKS, BlockHeader, QUEUED_BLOCKS};
 use super::{HandoverError, READERS_MAX};
 
 /// Publishers iceoryx2 keeps places for. Only one lives at a time; in the other places may be remains of killed ones
@@ -30,6 +31,9 @@ const QUEUED_SETS: usize = 1;
 
 /// Sets a reader holds at a time: the newest so far, and the next while it looks whether there is a newer one.
 const BORROWED_SETS: usize = 2;
+
+/// What the name of the service of the pixels adds.
+const BLOCKS_SUFFIX: &str = "/pixels";
 
 /// How long to try again when what is in the way may belong to a process that has just died or is just leaving.
 pub(super) const PATIENCE: Duration = Duration::from_secs(3);
@@ -51,6 +55,7 @@ pub(super) struct OpenService {
     pub(super) name: ServiceName,
     pub(super) node: Node<Ipc>,
     pub(super) sets: publish_subscribe::PortFactory<Ipc, [u8], ()>,
+    pub(super) blocks: publish_subscribe::PortFactory<Ipc, [u8], BlockHeader>,
     pub(super) wakeups: event::PortFactory<Ipc>,
 }
 
@@ -58,10 +63,7 @@ pub(super) struct OpenService {
 pub(super) fn open_service(service_name: &str) -> Result<OpenService, HandoverError> {
     // Failures come back as errors and are told once, by whoever handles them.
     set_log_level(LogLevel::Fatal);
-    let name = ServiceName::new(service_name).map_err(|_| HandoverError::ServiceName {
-        service: service_name.to_owned(),
-        max_bytes: ServiceName::max_len(),
-    })?;
+    let name = ServiceName::new(service_name).map_err(|_| name_not_allowed(service_name))?;
     // Not the machine's configuration file: both sides must agree, whoever starts them.
     let mut config = Config::default();
     config.global.creation_timeout = CREATION_TIMEOUT;
@@ -72,14 +74,30 @@ pub(super) fn open_service(service_name: &str) -> Result<OpenService, HandoverEr
         .create::<Ipc>()
         .map_err(|error| cannot_open(service_name, "the node", error))?;
     let sets = open_sets(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
+    let blocks_name = blocks_name(&name).map_err(|_| name_not_allowed(service_name))?;
+    let blocks =
+        open_blocks(&node, &blocks_name, &lock).map_err(|error| cannot_open(service_name, "the pixels", error))?;
     let wakeups =
         open_wakeups(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
     Ok(OpenService {
         name,
         node,
         sets,
+        blocks,
         wakeups,
     })
+}
+
+fn name_not_allowed(service_name: &str) -> HandoverError {
+    HandoverError::ServiceName {
+        service: service_name.to_owned(),
+        max_bytes: ServiceName::max_len() - BLOCKS_SUFFIX.len(),
+    }
+}
+
+/// The service of the pixels has a name of its own, since two publish-subscribe patterns cannot share one.
+fn blocks_name(name: &ServiceName) -> Result<ServiceName, impl std::error::Error + use<>> {
+    ServiceName::new(&format!("{name}{BLOCKS_SUFFIX}"))
 }
 
 /// The right to publish on a service; given back when it is dropped, or when its holder dies.
@@ -181,6 +199,35 @@ fn open_sets(
     })
 }
 
+fn open_blocks(
+    node: &Node<Ipc>,
+    name: &ServiceName,
+    lock: &OpeningLock,
+) -> Result<publish_subscribe::PortFactory<Ipc, [u8], BlockHeader>, PublishSubscribeOpenOrCreateError> {
+    use PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError as OpenError;
+    let open = || {
+        let builder = node.service_builder(name).publish_subscribe::<[u8]>();
+        let builder = builder
+            .user_header::<BlockHeader>()
+            .enable_safe_overflow(true)
+            .history_size(0)
+            .max_publishers(PUBLISHERS_MAX);
+        // The publishing process reads its own blocks too.
+        let builder = builder
+            .max_subscribers(READERS_MAX + 1)
+            .subscriber_max_buffer_size(QUEUED_BLOCKS);
+        builder
+            .subscriber_max_borrowed_samples(BORROWED_BLOCKS)
+            .open_or_create()
+    };
+    with_patience(PATIENCE, open, |error| {
+        use PublishSubscribeOpenError::{HangsInCreation, ServiceInCorruptedState};
+        if matches!(error, OpenError(HangsInCreation | ServiceInCorruptedState)) {
+            remove_half_made(node.config(), name, MessagingPattern::PublishSubscribe, lock);
+        }
+    })
+}
+
 fn open_wakeups(
     node: &Node<Ipc>,
     name: &ServiceName,
@@ -236,8 +283,13 @@ mod tests {
     fn a_half_made_service_is_in_nobodys_way() {
         let service_name = format!("mirrorball/half-made-{}", std::process::id());
         let name = ServiceName::new(&service_name).unwrap();
-        for pattern in [MessagingPattern::PublishSubscribe, MessagingPattern::Event] {
-            let file = service_file(&Config::default(), &name, pattern);
+        let blocks = blocks_name(&name).unwrap();
+        for (name, pattern) in [
+            (&name, MessagingPattern::PublishSubscribe),
+            (&blocks, MessagingPattern::PublishSubscribe),
+            (&name, MessagingPattern::Event),
+        ] {
+            let file = service_file(&Config::default(), name, pattern);
             let service = open_service(&service_name).unwrap();
             assert!(file.exists(), "iceoryx2 names its files as this module believes");
             drop(service);

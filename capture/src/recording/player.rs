@@ -1,48 +1,14 @@
 //! Plays an image-folder recording as if it were cameras.
 
-use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::frame::{Frame, FrameMeta, PixelFormat};
 use crate::recording::format::{Entry, read_frame_list};
+use crate::recording::pace::{LONE_FRAME_INTERVAL_NS, Pace, Pacer, Repeat};
 use crate::recording::picture::read_picture;
 use crate::recording::rig::read_cameras;
 use crate::source::{CameraDescription, CameraRole, Next, Source, SourceError};
-
-/// How fast a recording is played.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
-    /// Each frame as long after the first one as its time stamp says; a late frame is sent at once.
-    Recorded,
-    /// As fast as the frames are asked for.
-    Max,
-}
-
-/// How often a recording is played.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Repeat {
-    /// This many times in all.
-    Times(NonZeroU32),
-    /// Until nobody asks any more.
-    Forever,
-}
-
-impl Repeat {
-    /// Once, without repetition.
-    pub const ONCE: Self = Self::Times(NonZeroU32::MIN);
-
-    /// True if there is a round with this number, counted from 0.
-    fn has_round(self, round: u64) -> bool {
-        match self {
-            Self::Times(times) => round < u64::from(times.get()),
-            Self::Forever => true,
-        }
-    }
-}
-
-/// Interval put between two rounds of a recording that has only one frame of the leading camera.
-const LONE_FRAME_INTERVAL_NS: u64 = 33_333_333;
 
 /// A [`Source`] over an image-folder recording.
 ///
@@ -59,13 +25,12 @@ pub struct Player {
     round_sequences: Vec<u64>,
     /// What a round adds to every time stamp.
     round_ns: u64,
-    pace: Pace,
+    pacer: Pacer,
     repeat: Repeat,
     round: u64,
     position: usize,
     /// Read, but its moment has not come yet.
     read_ahead: Option<Frame>,
-    started: Option<Instant>,
 }
 
 impl Player {
@@ -87,6 +52,7 @@ impl Player {
         let round_sequences = (0..cameras.len())
             .map(|index| round_sequence(&entries, index))
             .collect();
+        let first_ns = entries.first().map_or(0, |entry| entry.meta.timestamp_ns);
         let round_ns = round_ns(&entries, &cameras);
         Ok(Self {
             folder: folder.to_path_buf(),
@@ -95,12 +61,11 @@ impl Player {
             entries,
             round_sequences,
             round_ns,
-            pace,
+            pacer: Pacer::new(pace, first_ns),
             repeat,
             round: 0,
             position: 0,
             read_ahead: None,
-            started: None,
         })
     }
 
@@ -108,6 +73,11 @@ impl Player {
     #[must_use]
     pub fn n_frames(&self) -> usize {
         self.entries.len()
+    }
+
+    /// What is known about the frames of one round, in the order of the frame list.
+    pub(super) fn metas(&self) -> impl Iterator<Item = &FrameMeta> {
+        self.entries.iter().map(|entry| &entry.meta)
     }
 
     /// Reads the picture of the next entry and steps on, whether it could be read or not.
@@ -153,21 +123,6 @@ impl Player {
         meta.sequence = meta.sequence.checked_add(shift)?;
         Some(meta)
     }
-
-    /// Waits for the moment of `timestamp_ns`, at most `timeout`; true if the moment has come.
-    fn wait_for(&mut self, timestamp_ns: u64, timeout: Duration) -> bool {
-        match self.pace {
-            Pace::Max => true,
-            Pace::Recorded => {
-                let now = Instant::now();
-                let started = *self.started.get_or_insert(now);
-                let offset = Duration::from_nanos(timestamp_ns - self.entries[0].meta.timestamp_ns);
-                let wait = offset.saturating_sub(now - started);
-                std::thread::sleep(wait.min(timeout));
-                wait <= timeout
-            }
-        }
-    }
 }
 
 impl Source for Player {
@@ -183,7 +138,7 @@ impl Source for Player {
                 None => return Ok(Next::End),
             },
         };
-        if self.wait_for(frame.meta.timestamp_ns, timeout) {
+        if self.pacer.wait_for(frame.meta.timestamp_ns, timeout) {
             Ok(Next::Frame(frame))
         } else {
             self.read_ahead = Some(frame);

@@ -19,8 +19,13 @@ struct RigCamera {
     size_px: [i64; 2],
 }
 
-/// Reads the cameras of the rig file at `path`.
-pub(super) fn read_cameras(path: &Path) -> Result<Vec<CameraDescription>, SourceError> {
+/// Reads the cameras of the rig file at `path`; their format is taken to be [`PixelFormat::Rgb8`], of which a rig file
+/// says nothing.
+///
+/// # Errors
+///
+/// [`SourceError::ReadFile`], [`SourceError::RigSyntax`], [`SourceError::RigValue`] or [`SourceError::RigLeader`].
+pub fn read_cameras(path: &Path) -> Result<Vec<CameraDescription>, SourceError> {
     let text = std::fs::read_to_string(path).map_err(|source| SourceError::ReadFile {
         path: path.to_path_buf(),
         source,
@@ -28,7 +33,8 @@ pub(super) fn read_cameras(path: &Path) -> Result<Vec<CameraDescription>, Source
     parse_cameras(path, &text)
 }
 
-fn parse_cameras(path: &Path, text: &str) -> Result<Vec<CameraDescription>, SourceError> {
+/// The same for the text of a rig file; `path` is for messages.
+pub(super) fn parse_cameras(path: &Path, text: &str) -> Result<Vec<CameraDescription>, SourceError> {
     let rig: RigFile = toml::from_str(text).map_err(|source| SourceError::RigSyntax {
         path: path.to_path_buf(),
         source: Box::new(source),

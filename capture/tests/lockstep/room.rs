@@ -2,7 +2,8 @@
 
 use mirrorball_capture::lockstep::LockstepCamera;
 use mirrorball_capture::lockstep::tables::{
-    ExposureTableConfig, GainTableConfig, Tables, TablesConfig, TemperatureTable, WhiteBalanceTableConfig,
+    ExposureTableConfig, GainTableConfig, SensitivityTableConfig, Tables, TablesConfig, TemperatureTable,
+    WhiteBalanceTableConfig,
 };
 use mirrorball_capture::{ControlKind, ControlRange, ControlRanges, ControlValues};
 
@@ -174,6 +175,13 @@ impl Model {
         raw.map(|channel| raw[1] / channel)
     }
 
+    /// Signal of a grey thing under a light, relative to a camera that sees the light as it is.
+    fn relative_signal(&self, kelvin: f64) -> [f64; 3] {
+        let light = TemperatureTable::black_body().gains(kelvin).map(|gain| 1.0 / gain);
+        let raw = self.raw(light);
+        std::array::from_fn(|channel| raw[channel] * self.sensitivity[channel] / light[channel])
+    }
+
     pub(crate) fn raw(&self, rgb: [f64; 3]) -> [f64; 3] {
         self.matrix
             .map(|row| row.iter().zip(rgb).map(|(weight, channel)| weight * channel).sum())
@@ -214,6 +222,8 @@ impl Model {
         let temperatures = kelvins
             .map(|kelvin| (kelvin, self.white_balance(kelvin as f64).map(&mut off)))
             .collect();
+        let lights = [2500, 3000, 3600, 4400, 5400, 6500, 8000];
+        let sensitivities = lights.map(|kelvin| (kelvin, self.relative_signal(kelvin as f64).map(&mut off)));
         let config = TablesConfig {
             exposure_table: Some(ExposureTableConfig {
                 unit_s: None,
@@ -224,7 +234,10 @@ impl Model {
                 temperatures: Some(temperatures),
                 ..WhiteBalanceTableConfig::default()
             }),
-            sensitivity: Some(self.sensitivity.map(&mut off)),
+            sensitivity: None,
+            sensitivity_table: Some(SensitivityTableConfig {
+                temperatures: sensitivities.to_vec(),
+            }),
         };
         Tables::new(&config).unwrap()
     }

@@ -1,34 +1,19 @@
-//! Commands of the program that do one thing and end.
-
-pub(crate) mod devices;
-pub(crate) mod doctor;
-
-use std::io;
-use std::process::ExitCode;
-
-/// The exit code of a command that only writes to standard output: that may be a pipe whose reader has seen enough.
-pub(crate) fn finish(result: io::Result<ExitCode>) -> ExitCode {
-    match result {
-        Ok(code) => code,
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: cannot write the output\n  caused by: {error}");
-            ExitCode::FAILURE
-        }
-    }
-}
-//! The commands for recordings: each a file, with its options and what it does.
+//! The program's commands: each a file, with its options and what it does.
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 use mirrorball_capture::recording::FolderError;
 use mirrorball_capture::recording::mcap::RecordError;
 use mirrorball_capture::{HandoverError, SourceError};
 
+pub(crate) mod devices;
+pub(crate) mod doctor;
 pub(crate) mod export;
 pub(crate) mod import;
 pub(crate) mod info;
+pub(crate) mod play;
 pub(crate) mod record;
 
 /// Why a command has failed.
@@ -101,4 +86,16 @@ fn read_rig_text(path: &Path) -> Result<String, CommandError> {
         path: path.to_path_buf(),
         source,
     })
+}
+
+/// The exit code of a command that only writes to standard output: that may be a pipe whose reader has seen enough.
+pub(crate) fn finish(result: io::Result<ExitCode>) -> ExitCode {
+    match result {
+        Ok(code) => code,
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: cannot write the output\n  caused by: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }

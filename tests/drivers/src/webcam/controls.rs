@@ -418,8 +418,6 @@ mod tests {
 
     #[test]
     fn values_fall_on_steps() {
-        let mut ranges = ControlRanges::default();
-        ranges.exposure_100us = Range {
         let exposure_100us = Range {
             minimum: 1,
             maximum: 1000,

@@ -51,7 +51,6 @@ impl Frames {
             state,
             model,
             painter: Painter::new(seed),
-            rgb: Vec::new(),
             jpeg: None,
             delayed,
         }

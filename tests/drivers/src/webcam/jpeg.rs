@@ -7,7 +7,6 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageError};
 
-use super::counter::{BLOCK_PX, CONTRAST_LUMA, COUNTER_ROWS, bits};
 use super::counter::{BLOCK_PX, CONTRAST_LUMA, bits};
 
 /// Quality of the pictures on the scale of libjpeg.
@@ -219,65 +218,6 @@ impl BitWriter {
     }
 }
 
-/// Writes the full height into the frame header; returns where the entropy-coded data begin, and the quantiser of
-/// the luma's first coefficient. The encoder is ours to choose, so a header it does not write is a mistake of ours.
-fn prepare_header(jpeg: &mut [u8], height: u32) -> (usize, i32) {
-    let mut at = 2;
-    let mut luma_quantiser = None;
-    loop {
-        let marker = jpeg[at + 1];
-        let length = usize::from(u16::from_be_bytes([jpeg[at + 2], jpeg[at + 3]]));
-        match marker {
-            0xDB if luma_quantiser.is_none() => luma_quantiser = Some(i32::from(jpeg[at + 5])),
-            0xC0 => jpeg[at + 5..at + 7].copy_from_slice(&(height as u16).to_be_bytes()),
-            0xDA => {
-                return (
-                    at + 2 + length,
-                    luma_quantiser.expect("quantisers come before the scan"),
-                );
-            }
-            _ => {}
-        }
-        at += 2 + length;
-    }
-}
-
-/// Removes the zero that follows every byte 0xFF in entropy-coded data.
-fn unstuff(data: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(data.len());
-    let mut previous = 0;
-    for &byte in data {
-        if !(previous == 0xFF && byte == 0) {
-            out.push(byte);
-        }
-        previous = byte;
-    }
-    out
-}
-
-fn stuff(data: &[u8], out: &mut Vec<u8>) {
-    for &byte in data {
-        out.push(byte);
-        if byte == 0xFF {
-            out.push(0);
-        }
-    }
-}
-
-/// Moves data back by some bits, 0 to 7: what falls into the byte before, and the rest. Freed bits at the end are 1,
-/// as JPEG fills them.
-fn shift(data: &[u8], bits: usize) -> (u8, Vec<u8>) {
-    if bits == 0 {
-        return (0, data.to_vec());
-    }
-    let mut out = Vec::with_capacity(data.len());
-    for (index, byte) in data.iter().enumerate() {
-        let next = data.get(index + 1).copied().unwrap_or(0xFF);
-        out.push(byte << (8 - bits) | next >> bits);
-    }
-    (data.first().map_or(0, |byte| byte >> bits), out)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::counter;
@@ -314,7 +254,6 @@ mod tests {
             assert_eq!(decoded.dimensions(), (640, 480));
             let read = counter::read(|x, y| decoded.get_pixel(x as u32, y as u32).0[1]);
             assert_eq!(read, Some((value & 0xFFFF) as u16));
-            let below = COUNTER_ROWS * 640 * 3;
             let below = BLOCK_PX * 640 * 3;
             assert!(
                 decoded.as_raw()[below..] == plain.as_raw()[below..],
@@ -324,24 +263,6 @@ mod tests {
     }
 
     #[test]
-    fn every_width_of_ours_and_every_shift_works() {
-        for (width, height) in [(320, 240), (1280, 720), (328, 16), (336, 24)] {
-            let jpeg = CountedJpeg::encode(&gradient(width, height)).unwrap();
-            let mut bytes = Vec::new();
-            jpeg.write(4711, &mut bytes);
-            let decoded = image::load_from_memory(&bytes).unwrap().to_luma8();
-            let read = counter::read(|x, y| decoded.get_pixel(x as u32, y as u32).0[0]);
-            assert_eq!(read, Some(4711), "{width} x {height}");
-        }
-    }
-
-    #[test]
-    fn shifting_moves_every_bit() {
-        assert_eq!(
-            shift(&[0b1010_0101, 0b1100_0011], 3),
-            (0b0001_0100, vec![0b1011_1000, 0b0111_1111])
-        );
-        assert_eq!(shift(&[1, 2], 0), (0, vec![1, 2]));
     fn rows_are_repeated_as_ordered() {
         let rows = [vec![50_u8; 336 * 8 * 3], vec![200_u8; 336 * 8 * 3]];
         let rows = rows.each_ref().map(Vec::as_slice);

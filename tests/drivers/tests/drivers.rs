@@ -2,7 +2,6 @@
 //!
 //! Where there is no QEMU the test says `SKIPPED` and passes; with the environment variable
 //! `MIRRORBALL_REQUIRE_DRIVERS` set that is a failure. `MIRRORBALL_DRIVER_CASES` chooses cases by parts of their names.
-#![expect(clippy::print_stdout, reason = "a test that skips says so")]
 
 use std::env;
 use std::path::{Path, PathBuf};

@@ -486,3 +486,6 @@ fn system_error(error: McapError) -> io::Error {
         other => io::Error::other(other),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -668,7 +668,7 @@ fn spoilt() -> impl Strategy<
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn spoilt_files_never_panic_and_show_no_false_frame((compression, chunk_bytes, flips, cut) in spoilt()) {

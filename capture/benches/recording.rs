@@ -6,6 +6,8 @@
 //! as a driver would. A file is ended after a minute and removed when the next one is, so that ten minutes do not need
 //! 100 GB; the next file is begun before the last one ends, so that nothing is lost by that.
 
+#![expect(clippy::print_stdout, reason = "the figures are what the program is for")]
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 

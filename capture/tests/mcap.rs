@@ -425,7 +425,7 @@ fn other_files_are_refused() {
     drop(writer);
     let error = mcap_error(play_bytes(&foreign));
     assert!(matches!(error, McapReadError::Foreign { .. }), "{error}");
-    let version = b"format_version\x01\0\0\01";
+    let version = b"format_version\x01\x00\x00\x001";
     let place = bytes
         .windows(version.len())
         .position(|window| window == version)

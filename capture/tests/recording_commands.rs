@@ -34,7 +34,7 @@ fn program() -> Command {
 }
 
 fn run(args: &[&dyn AsRef<std::ffi::OsStr>]) -> Output {
-    let output = program().args(args.iter().map(|arg| arg.as_ref())).output().unwrap();
+    let output = program().args(args.iter().map(AsRef::as_ref)).output().unwrap();
     assert_ne!(
         output.status.code(),
         Some(101),

@@ -10,11 +10,12 @@ BIN := $(TARGET_DIR)/release
 # Where this is not set (a container, say), Mesa prints an error that is none. Any folder will do.
 export XDG_RUNTIME_DIR ?= /tmp
 
-.PHONY: help demo test setup build lint docs
+.PHONY: help demo test test-drivers setup build lint docs
 
 help:
 	@echo 'make demo    set up, build, render the recording in $(SEQUENCE), write pictures and figures to $(OUT)'
 	@echo 'make test    set up and run all tests'
+	@echo 'make test-drivers   run the tests on real camera drivers, in a virtual machine'
 	@echo 'make setup   install what Debian packages are missing; check the Rust toolchain'
 	@echo 'make build   build all programs'
 	@echo 'make lint    check format, lints, documentation and, with cargo-deny, licences and advisories'
@@ -43,6 +44,11 @@ demo: setup build
 # After set-up there is a Vulkan adapter, lavapipe if nothing else, so a test that skips for want of one is a failure.
 test: setup
 	MIRRORBALL_REQUIRE_GPU=1 cargo test --release --locked --workspace
+
+# The same tests on real kernel drivers that `make test` runs among the others. Cases are chosen with
+# MIRRORBALL_DRIVER_CASES='name name'.
+test-drivers: setup
+	MIRRORBALL_REQUIRE_DRIVERS=1 cargo test --release --locked -p mirrorball-driver-tests -- --nocapture
 
 lint:
 	cargo fmt --all --check

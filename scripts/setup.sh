@@ -2,15 +2,19 @@
 # Installs what Debian packages are missing and checks the Rust toolchain.
 # Says what it does; says and does nothing, and needs no network, when all is there.
 #
-# usage: scripts/setup.sh [--window]
-#   --window   also the libraries that `mirrorball-render --window` loads at run time
+# usage: scripts/setup.sh [--window] [--no-drivers]
+#   --window      also the libraries that `mirrorball-render --window` loads at run time
+#   --no-drivers  not the virtual machine in which the tests on real camera drivers run; they are skipped then
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 # The compilers: C for the AprilTag library, C++ for the FLIP metric.
+# libclang and the kernel's headers: the bindings to V4L2 are made from these when building.
 # The Vulkan loader, and drivers for it. They bring the software adapter lavapipe and stand beside any other driver:
 # the programs choose the fastest adapter they find.
-packages=(build-essential libvulkan1 mesa-vulkan-drivers ca-certificates curl)
+packages=(build-essential libclang-dev linux-libc-dev libvulkan1 mesa-vulkan-drivers ca-certificates curl)
+# QEMU and what puts a kernel together for it: scripts/driver-vm.sh.
+driver_packages=(qemu-system-x86 kmod busybox-static cpio xz-utils)
 window_packages=(libxkbcommon0 libxkbcommon-x11-0 libwayland-client0 libx11-6 libx11-xcb1 libxcursor1 libxi6 libxrandr2)
 
 fail() {
@@ -60,14 +64,22 @@ check_rust() {
     fi
 }
 
-case "${1-}" in
-    '') ;;
-    --window) packages+=("${window_packages[@]}") ;;
-    *) fail "unknown option \`$1\`" "scripts/setup.sh knows \`--window\` only" ;;
-esac
+drivers=yes
+# The virtual machine is for this architecture only.
+[ "$(uname -m)" = x86_64 ] || drivers=no
+for option in "$@"; do
+    case $option in
+        --window) packages+=("${window_packages[@]}") ;;
+        --no-drivers) drivers=no ;;
+        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\` and \`--no-drivers\`" ;;
+    esac
+done
+if [ $drivers = yes ]; then
+    packages+=("${driver_packages[@]}")
+fi
 if command -v dpkg-query >/dev/null; then
     install_missing
 else
-    echo "no Debian system: see to it that a C and C++ compiler, a Vulkan loader and a Vulkan driver are there"
+    echo "no Debian system: see to it that a C and C++ compiler, libclang, the kernel's headers, a Vulkan loader and a Vulkan driver are there"
 fi
 check_rust

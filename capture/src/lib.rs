@@ -23,7 +23,9 @@
 //! **What is not in here**: no GPU; no calibration (of a rig file only names, roles and sizes of the cameras are read);
 //! no colour or lens maths; no file system outside [`recording`]; no queue without a bound.
 
+pub mod config;
 pub mod controls;
+pub mod daemon;
 pub mod decode;
 pub mod frame;
 pub mod grouping;
@@ -34,8 +36,11 @@ pub mod playback;
 pub mod pool;
 pub mod recording;
 pub mod source;
+pub mod stamps;
+pub mod status;
 pub mod v4l2;
 
+pub use config::{CaptureConfig, ConfigError};
 pub use controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
 pub use decode::{DecodeError, to_rgb8};
 pub use frame::{

@@ -281,9 +281,9 @@ impl Meter {
             sums.clipped += wide;
         } else if luminance >= COLOUR_LEAST {
             sums.coloured += 1;
-            for channel in 0..3 {
-                sums.rgb[channel] += f64::from(rgb[channel]);
-                sums.white[channel] += f64::from(rgb[channel].powi(WHITE_NORM));
+            for ((channel, sum), white) in rgb.into_iter().zip(&mut sums.rgb).zip(&mut sums.white) {
+                *sum += f64::from(channel);
+                *white += f64::from(channel.powi(WHITE_NORM));
             }
         }
         if log2 <= BLACK_LOG2 as f32 {

@@ -37,6 +37,9 @@ impl Default for AutoExposureSettings {
 /// Luminance that 98 % of the picture should stay below.
 const HIGHLIGHT_MOST: f64 = 0.9;
 
+/// log2 of the luminance above which a percentile may be clipped; above [`HIGHLIGHT_MOST`], which must be told from it.
+const CLIPPED_LOG2: f64 = -0.1;
+
 /// A difference as large is made up for at once.
 const JUMP_EV: f64 = 0.7;
 
@@ -74,7 +77,7 @@ pub(super) struct AutoExposure {
     /// What the last pictures wanted, newest first.
     wanted: [Option<f64>; 3],
     noise_ev: f64,
-    /// Percentiles relative to the mean in log2, as last seen in a picture that was not clipped.
+    /// Percentiles relative to the mean in log2, as last seen unclipped.
     shape: [f64; PERCENTILES.len()],
 }
 
@@ -150,7 +153,15 @@ impl AutoExposure {
         let statistics = observation.statistics;
         let key_log2 = self.key_log2(statistics);
         let for_key = self.settings.key.log2() - key_log2;
-        let for_highlights = HIGHLIGHT_MOST.log2() - statistics.percentiles_log2[PERCENTILES.len() - 1];
+        let last = PERCENTILES.len() - 1;
+        let seen_log2 = statistics.percentiles_log2[last];
+        // Clipped highlights are at least as bright as they look; how bright they were before tells more.
+        let highlight_log2 = if seen_log2 < CLIPPED_LOG2 {
+            seen_log2
+        } else {
+            seen_log2.max(key_log2 + self.shape[last])
+        };
+        let for_highlights = HIGHLIGHT_MOST.log2() - highlight_log2;
         let change_ev = for_highlights.clamp(for_key - self.settings.highlight_drop_max_ev, for_key);
         observation.in_force_log2 + change_ev.clamp(REACH_EV.0, REACH_EV.1)
     }
@@ -165,7 +176,12 @@ impl AutoExposure {
         let is_black = statistics.black_share > BLACK_MANY;
         if !is_clipped && !is_black {
             for (shape, percentile) in self.shape.iter_mut().zip(percentiles) {
-                *shape += 0.3 * (percentile - statistics.mean_log2 - *shape);
+                let seen = percentile - statistics.mean_log2;
+                if *percentile < CLIPPED_LOG2 {
+                    *shape += 0.3 * (seen - *shape);
+                } else {
+                    *shape = shape.max(seen);
+                }
             }
             return statistics.mean_log2;
         }

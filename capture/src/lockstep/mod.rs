@@ -31,6 +31,8 @@ pub mod latency;
 mod settings;
 pub mod tables;
 mod target;
+#[cfg(test)]
+mod tests;
 mod track;
 mod translate;
 
@@ -47,6 +49,9 @@ pub use target::Target;
 use target::Timeline;
 use track::{FrameRecord, Track};
 use translate::ExposurePolicy;
+
+/// Light taken for granted before anything is known, in kelvin.
+const DAYLIGHT_K: f64 = 5000.0;
 
 /// Number of a request, unique over all cameras, rising.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -122,7 +127,9 @@ impl Lockstep {
         let track = |camera| Track::new(camera, policy, settings.measure_latency);
         let tracks: Vec<Track> = cameras.into_iter().map(track).collect();
         let leader = &tracks[settings.leader];
-        let target = leader.translator.target(leader.history.accepted());
+        let target = leader.translator.target(leader.history.accepted(), DAYLIGHT_K);
+        let light_k = leader.translator.light_k(target.white_balance);
+        let target = leader.translator.target(leader.history.accepted(), light_k);
         let mut lockstep = Self {
             leader: settings.leader,
             mode: Mode::Locked,
@@ -267,8 +274,9 @@ impl Lockstep {
         let track = &self.tracks[camera];
         let values = track.values(frame.tick);
         let exposure = track.translator.exposure(values);
-        let factors = track.translator.factors(values);
-        let target = self.timeline.at(frame.timestamp_ns).factors();
+        let target = self.timeline.at(frame.timestamp_ns);
+        let factors = track.translator.factors(values, target.light_k);
+        let target = target.factors();
         let off_ev = (factors[1] / target[1]).log2();
         FrameExposure {
             exposure,
@@ -332,6 +340,7 @@ impl Lockstep {
             self.aim(Target {
                 exposure_s: exposure_s * gain * green,
                 white_balance,
+                light_k: translator.light_k(white_balance),
                 time_s: Some(exposure_s),
             });
         } else if before.time_s.is_some() {
@@ -347,14 +356,15 @@ impl Lockstep {
     fn decide(&mut self, frame: FrameRecord, statistics: &Statistics) {
         let leader = &self.tracks[self.leader];
         let values = leader.values(frame.tick);
-        let factors = leader.translator.factors(values);
+        let light_k = self.timeline.last().light_k;
+        let factors = leader.translator.factors(values, light_k);
         let looked_ns = self.looked_ns.replace(frame.timestamp_ns);
         let elapsed_ns = looked_ns.map_or(0.0, |before| frame.timestamp_ns.saturating_sub(before) as f64);
         let elapsed_s = elapsed_ns.max(leader.interval_ns()) * 1e-9;
         let observation = Observation {
             statistics,
             in_force_log2: factors[1].log2(),
-            range_log2: leader.translator.range_log2(values),
+            range_log2: leader.translator.range_log2(values, light_k),
             elapsed_s: elapsed_s.min(1.0),
         };
         let exposure_log2 = self.auto_exposure.update(&observation);
@@ -372,6 +382,7 @@ impl Lockstep {
         let ideal = Target {
             exposure_s: self.auto_exposure.asked_log2().exp2(),
             white_balance: self.auto_white_balance.asked(),
+            light_k: leader.translator.light_k(self.auto_white_balance.asked()),
             time_s: None,
         };
         // What the leader's steps allow is the target, so that the leader's own picture needs no correction.
@@ -379,7 +390,7 @@ impl Lockstep {
         for (kind, value) in leader.translator.translate(&ideal, 0.0).iter() {
             leader_values.set(kind, value);
         }
-        self.aim(leader.translator.target(&leader_values));
+        self.aim(leader.translator.target(&leader_values, ideal.light_k));
     }
 
     /// Makes a target hold from the first moment on at which every camera can have it.

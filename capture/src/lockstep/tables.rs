@@ -43,6 +43,16 @@ pub struct WhiteBalanceTableConfig {
     pub blue: Option<Vec<(i64, f64)>>,
 }
 
+/// Relative signal by the colour of the light: channels of different cameras see differently much of each other's
+/// colours, so one ratio does not fit all light.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensitivityTableConfig {
+    /// Colour temperature of the light in kelvin, rising, and the signal of red, green and blue that a grey thing then
+    /// gives, relative to the other cameras of the rig.
+    pub temperatures: Vec<(i64, [f64; 3])>,
+}
+
 /// All tables of one camera.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -54,8 +64,10 @@ pub struct TablesConfig {
     /// White-balance controls; without it temperatures are taken as those of a black body seen by a camera with the
     /// primaries of ITU-R BT.709, and red and blue balance are left alone.
     pub white_balance_table: Option<WhiteBalanceTableConfig>,
-    /// Signal of red, green and blue relative to the other cameras of the rig, each above 0; 1 without it.
+    /// Signal of red, green and blue relative to the other cameras of the rig, 0.01 to 100, in any light; 1 without it.
     pub sensitivity: Option<[f64; 3]>,
+    /// The same where it depends on the light; instead of `sensitivity`.
+    pub sensitivity_table: Option<SensitivityTableConfig>,
 }
 
 /// Why a table cannot be used.
@@ -87,11 +99,15 @@ pub enum TableError {
         /// Control value of the point that is too low.
         value: i64,
     },
-    /// Both kinds of white-balance table, or half of one.
-    #[error("`white_balance_table` has {found} (allowed: `temperatures`, or both `red` and `blue`)")]
-    WhiteBalanceKinds {
+    /// Both kinds of a table, or half of one.
+    #[error("`{table}` has {found} (allowed: {allowed})")]
+    Kinds {
+        /// The key of the table.
+        table: &'static str,
         /// What there is.
         found: &'static str,
+        /// What would be right.
+        allowed: &'static str,
     },
 }
 
@@ -103,7 +119,7 @@ impl TableError {
             Self::Points { .. } => "give the two ends of the control's range at least",
             Self::Value { .. } => "times are in seconds, gains are linear (not dB), temperatures in kelvin",
             Self::NotRising { .. } => "sort the points; leave out the part where the camera answers no more",
-            Self::WhiteBalanceKinds { .. } => "use the kind of control that the camera has",
+            Self::Kinds { .. } => "use the one kind that was calibrated",
         }
     }
 }
@@ -223,16 +239,23 @@ pub enum WhiteBalanceTable {
     },
 }
 
-/// Colour temperature to gains.
+/// Colour temperature to three gains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TemperatureTable {
-    /// Kelvin, then log2 of the gains of red, green and blue; rising.
+    /// Kelvin, then log2 of the gains of red, green and blue; at least one, temperatures rising.
     points: Vec<(f64, [f64; 3])>,
 }
 
 impl TemperatureTable {
-    fn new(points: &[(i64, [f64; 3])]) -> Result<Self, TableError> {
-        let table = "white_balance_table.temperatures";
+    /// The same gains whatever the temperature.
+    #[must_use]
+    pub fn constant(gains: [f64; 3]) -> Self {
+        Self {
+            points: vec![(5000.0, gains.map(f64::log2))],
+        }
+    }
+
+    fn new(table: &'static str, points: &[(i64, [f64; 3])]) -> Result<Self, TableError> {
         if !(2..=POINTS_MAX).contains(&points.len()) {
             let found = points.len();
             return Err(TableError::Points { table, found });
@@ -248,9 +271,7 @@ impl TemperatureTable {
                 check_value(table, *gain, (0.01, 100.0), "linear gains from 0.01 to 100")?;
             }
         }
-        let ratio = |gains: [f64; 3]| gains[0] / gains[2];
-        let falls = |pair: &&[(i64, [f64; 3])]| pair[1].0 <= pair[0].0 || ratio(pair[1].1) <= ratio(pair[0].1);
-        if let Some(pair) = points.windows(2).find(falls) {
+        if let Some(pair) = points.windows(2).find(|pair| pair[1].0 <= pair[0].0) {
             let value = pair[1].0;
             return Err(TableError::NotRising { table, value });
         }
@@ -298,7 +319,24 @@ impl TemperatureTable {
         std::array::from_fn(|channel| (log0[channel] + share * (log1[channel] - log0[channel])).exp2())
     }
 
-    /// The temperature in kelvin with this ratio of red to blue gain; past the ends the nearer end.
+    /// Checks that red over blue rises with the temperature, so that [`Self::kelvin_for`] has one answer.
+    fn rising(self, table: &'static str) -> Result<Self, TableError> {
+        let ratio_log2 = |gains: [f64; 3]| gains[0] - gains[2];
+        match self
+            .points
+            .windows(2)
+            .find(|pair| ratio_log2(pair[1].1) <= ratio_log2(pair[0].1))
+        {
+            None => Ok(self),
+            Some(pair) => Err(TableError::NotRising {
+                table,
+                value: pair[1].0 as i64,
+            }),
+        }
+    }
+
+    /// The temperature in kelvin with this ratio of red to blue gain, in a table where that rises; past the ends the
+    /// nearer end.
     #[must_use]
     pub fn kelvin_for(&self, red_over_blue: f64) -> f64 {
         let (mut low, mut high) = self.span_k();
@@ -350,8 +388,8 @@ pub struct Tables {
     pub gain: Option<Curve>,
     /// White-balance controls to gains.
     pub white_balance: WhiteBalanceTable,
-    /// Signal of red, green and blue relative to the other cameras of the rig, above 0.
-    pub sensitivity: [f64; 3],
+    /// Signal of red, green and blue relative to the other cameras of the rig, by the temperature of the light.
+    pub sensitivity: TemperatureTable,
 }
 
 impl Default for Tables {
@@ -360,7 +398,7 @@ impl Default for Tables {
             exposure: ExposureTable::Unit(EXPOSURE_UNIT_S),
             gain: None,
             white_balance: WhiteBalanceTable::Temperature(TemperatureTable::black_body()),
-            sensitivity: [1.0; 3],
+            sensitivity: TemperatureTable::constant([1.0; 3]),
         }
     }
 }
@@ -381,11 +419,24 @@ impl Tables {
         if let Some(white_balance) = &config.white_balance_table {
             tables.white_balance = white_balance_table(white_balance)?;
         }
-        if let Some(sensitivity) = config.sensitivity {
-            for channel in sensitivity {
-                check_value("sensitivity", channel, (0.01, 100.0), "0.01 to 100")?;
+        match (config.sensitivity, &config.sensitivity_table) {
+            (None, None) => {}
+            (Some(sensitivity), None) => {
+                for channel in sensitivity {
+                    check_value("sensitivity", channel, (0.01, 100.0), "0.01 to 100")?;
+                }
+                tables.sensitivity = TemperatureTable::constant(sensitivity);
             }
-            tables.sensitivity = sensitivity;
+            (None, Some(by_light)) => {
+                tables.sensitivity = TemperatureTable::new("sensitivity_table.temperatures", &by_light.temperatures)?;
+            }
+            (Some(_), Some(_)) => {
+                return Err(TableError::Kinds {
+                    table: "sensitivity",
+                    found: "a table as well",
+                    allowed: "`sensitivity` or `sensitivity_table`",
+                });
+            }
         }
         Ok(tables)
     }
@@ -426,17 +477,25 @@ fn gain_curve(table: &'static str, points: &[(i64, f64)]) -> Result<Curve, Table
 }
 
 fn white_balance_table(config: &WhiteBalanceTableConfig) -> Result<WhiteBalanceTable, TableError> {
+    let kinds = |found| TableError::Kinds {
+        table: "white_balance_table",
+        found,
+        allowed: "`temperatures`, or both `red` and `blue`",
+    };
     match (&config.temperatures, &config.red, &config.blue) {
-        (Some(points), None, None) => Ok(WhiteBalanceTable::Temperature(TemperatureTable::new(points)?)),
+        (Some(points), None, None) => {
+            let table = "white_balance_table.temperatures";
+            Ok(WhiteBalanceTable::Temperature(
+                TemperatureTable::new(table, points)?.rising(table)?,
+            ))
+        }
         (None, Some(red), Some(blue)) => Ok(WhiteBalanceTable::RedBlue {
             red: gain_curve("white_balance_table.red", red)?,
             blue: gain_curve("white_balance_table.blue", blue)?,
         }),
-        (None, None, None) => Err(TableError::WhiteBalanceKinds { found: "neither" }),
-        (Some(_), _, _) => Err(TableError::WhiteBalanceKinds { found: "both kinds" }),
-        (None, _, _) => Err(TableError::WhiteBalanceKinds {
-            found: "one of `red` and `blue`",
-        }),
+        (None, None, None) => Err(kinds("neither")),
+        (Some(_), _, _) => Err(kinds("both kinds")),
+        (None, _, _) => Err(kinds("one of `red` and `blue`")),
     }
 }
 
@@ -524,10 +583,12 @@ mod tests {
             (rgb[0] / rgb[1] - 1.0).abs() < 0.08 && (rgb[2] / rgb[1] - 1.0).abs() < 0.08,
             "{rgb:?}"
         );
-        // Illuminant A, 2856 K: x 0.4476, y 0.4074, so linear (1.65, 0.88, 0.22) at Y = 1.
+        // Illuminant A, 2856 K: x 0.4476, y 0.4074 (CIE 15), so linear (1.845, 0.826, 0.233) at Y = 1.
         let rgb = black_body_rgb(2856.0);
         assert!(
-            (rgb[0] / rgb[1] - 1.65 / 0.88).abs() < 0.05 && (rgb[2] / rgb[1] - 0.25).abs() < 0.05,
+            rgb.iter()
+                .zip([1.845, 0.826, 0.233])
+                .all(|(found, known)| (found - known).abs() < 0.01),
             "{rgb:?}"
         );
     }

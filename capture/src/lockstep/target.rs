@@ -15,6 +15,9 @@ pub struct Target {
     pub exposure_s: f64,
     /// Gains of red, green and blue; green is 1.
     pub white_balance: [f64; 3],
+    /// Colour temperature in kelvin of the light that `white_balance` makes white: cameras differ from each other by
+    /// the light.
+    pub light_k: f64,
     /// Exposure time that cameras should keep to, in seconds; without it they choose.
     pub time_s: Option<f64>,
 }

@@ -20,7 +20,7 @@ const OUTSTANDING_MAX: usize = 16;
 const ANSWER_FRAMES: i64 = 30;
 
 /// Frames to wait after a refusal before asking again, doubled each time.
-const RETRY_FRAMES: (i64, i64) = (4, 128);
+const RETRY_FRAMES: (i64, i64) = (4, 64);
 
 /// Size of the steps that measure the latency.
 const PROBE_EV: f64 = 0.5;
@@ -90,7 +90,7 @@ impl Track {
         let has_time = translator.drives(ControlKind::ExposureTime) || translator.drives(ControlKind::Gain);
         let probes = measures_latency && camera.latency_frames.is_none() && has_time;
         Self {
-            history: InForce::new(camera.values, translator.factors(&camera.values)[1].log2()),
+            history: InForce::new(camera.values, translator.signal_log2(&camera.values)),
             translator,
             estimator: LatencyEstimator::new(camera.latency_frames),
             is_online: true,
@@ -226,15 +226,27 @@ impl Track {
 
     /// The driver has these values now.
     pub(super) fn on_applied(&mut self, id: RequestId, read_back: &ControlValues, first_sequence_after: u64) {
-        let was_outstanding = self.outstanding.iter().any(|request| request.id == id);
+        let answered = self.outstanding.iter().find(|request| request.id == id).copied();
         self.outstanding.retain(|request| request.id != id);
-        let mut values = *self.history.accepted();
+        let before = *self.history.accepted();
+        let mut values = before;
         merge(&mut values, read_back);
         let tick = self.tick_of(first_sequence_after);
-        self.history
-            .accept(tick, values, self.translator.factors(&values)[1].log2());
-        if was_outstanding {
-            self.is_automatic = false;
+        self.history.accept(tick, values, self.translator.signal_log2(&values));
+        let Some(request) = answered else {
+            // Somebody else changed them; what is wanted is asked for again.
+            merge(&mut self.asked, read_back);
+            return;
+        };
+        self.is_automatic = false;
+        // A value that the driver made another one of stays as it is. One that did not move at all was refused.
+        let did_not_move = |(kind, value): (ControlKind, i64)| {
+            let found = read_back.get(kind);
+            found.is_some() && found != Some(value) && found == before.get(kind)
+        };
+        if request.values.iter().any(did_not_move) {
+            self.give_up();
+        } else {
             self.retry_frames = RETRY_FRAMES.0;
         }
     }
@@ -257,7 +269,7 @@ impl Track {
     pub(super) fn on_returned(&mut self, values: ControlValues) {
         self.is_online = true;
         self.is_automatic = false;
-        self.history = InForce::new(values, self.translator.factors(&values)[1].log2());
+        self.history = InForce::new(values, self.translator.signal_log2(&values));
         self.asked = values;
         self.outstanding.clear();
         self.handled_tick = self.last_frame().map_or(self.handled_tick, |last| last.tick);

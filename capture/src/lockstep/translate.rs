@@ -4,7 +4,7 @@
 //! flicker the time is a whole number of periods, and the gain fills up. What the steps of the controls leave over is
 //! not lost: it is the ratio of the target to the factors that the chosen values have.
 
-use super::tables::{Tables, WhiteBalanceTable};
+use super::tables::{Curve, Tables, TemperatureTable, WhiteBalanceTable};
 use super::target::Target;
 use crate::controls::{ControlKind, ControlRange, ControlRanges, ControlValues};
 use crate::frame::Exposure;
@@ -26,10 +26,15 @@ pub(super) struct Translator {
     policy: ExposurePolicy,
     /// Exposure time of a camera without that control.
     fixed_time_s: f64,
+    /// The colours of light, for the temperature of a white balance.
+    black_body: TemperatureTable,
 }
 
 /// Smallest difference between times that means something: well below any step of a control.
 const TIME_TOLERANCE: f64 = 1e-6;
+
+/// With this share of a period wanted, a whole one is given: a quarter of a step too bright is seen less than flicker.
+const NEARLY_A_PERIOD: f64 = 0.84;
 
 impl Translator {
     /// Controls outside their tables, or without one where one is needed, are left alone from here on.
@@ -40,7 +45,7 @@ impl Translator {
         for (kind, range) in ranges.iter() {
             let span = match (kind, &tables.white_balance, &tables.gain) {
                 (ControlKind::ExposureTime, _, _) => Some(tables.exposure.span()),
-                (ControlKind::Gain, _, gain) => gain.as_ref().map(super::tables::Curve::span),
+                (ControlKind::Gain, _, gain) => gain.as_ref().map(Curve::span),
                 (ControlKind::WhiteBalanceTemperature, WhiteBalanceTable::Temperature(table), _) => {
                     let (low_k, high_k) = table.span_k();
                     Some((low_k.ceil() as i64, high_k.floor() as i64))
@@ -58,13 +63,15 @@ impl Translator {
             ranges: usable,
             policy,
             fixed_time_s: interval_s,
+            black_body: TemperatureTable::black_body(),
         }
     }
 
     /// The values that come nearest to `target`, brighter by `offset_ev`; only of controls that can be used.
     pub(super) fn translate(&self, target: &Target, offset_ev: f64) -> ControlValues {
-        let mut values = self.white_balance_values(target.white_balance);
-        let green = self.gains(&values)[1] * self.tables.sensitivity[1];
+        let sensitivity = self.tables.sensitivity.gains(target.light_k);
+        let mut values = self.white_balance_values(target.white_balance, sensitivity);
+        let green = self.gains(&values)[1] * sensitivity[1];
         let exposure_s = target.exposure_s * offset_ev.exp2() / green;
         let (time, gain) = self.time_and_gain(exposure_s, target.time_s);
         if let Some(time) = time {
@@ -87,79 +94,92 @@ impl Translator {
         }
     }
 
-    /// Signal of red, green and blue for unit radiance.
-    pub(super) fn factors(&self, values: &ControlValues) -> [f64; 3] {
+    /// Signal of red, green and blue for unit radiance in light of a temperature.
+    pub(super) fn factors(&self, values: &ControlValues, light_k: f64) -> [f64; 3] {
         let exposure = self.exposure(values);
         let scalar = exposure.time_s * exposure.gain;
-        std::array::from_fn(|channel| scalar * exposure.white_balance[channel] * self.tables.sensitivity[channel])
+        let sensitivity = self.tables.sensitivity.gains(light_k);
+        std::array::from_fn(|channel| scalar * exposure.white_balance[channel] * sensitivity[channel])
     }
 
-    /// The target that values come up to exactly.
-    pub(super) fn target(&self, values: &ControlValues) -> Target {
-        let factors = self.factors(values);
+    /// log2 of the green signal, but for the light: good for comparing values with each other.
+    pub(super) fn signal_log2(&self, values: &ControlValues) -> f64 {
+        let exposure = self.exposure(values);
+        (exposure.time_s * exposure.gain * exposure.white_balance[1]).log2()
+    }
+
+    /// The target that values come up to exactly in light of a temperature.
+    pub(super) fn target(&self, values: &ControlValues, light_k: f64) -> Target {
+        let factors = self.factors(values, light_k);
         Target {
             exposure_s: factors[1],
             white_balance: factors.map(|factor| factor / factors[1]),
+            light_k,
             time_s: None,
         }
     }
 
+    /// Temperature in kelvin of the light that a white balance makes white, by the ratio of red to blue.
+    pub(super) fn light_k(&self, white_balance: [f64; 3]) -> f64 {
+        self.black_body.kelvin_for(white_balance[0] / white_balance[2])
+    }
+
     /// The white balance nearest to `white_balance` (green is 1) that the camera can have if its steps were fine.
     pub(super) fn nearest_white_balance(&self, white_balance: [f64; 3], values: &ControlValues) -> [f64; 3] {
-        let sensitivity = self.tables.sensitivity;
+        let sensitivity = self.tables.sensitivity.gains(self.light_k(white_balance));
+        let now = self.gains(values);
         let gains = match &self.tables.white_balance {
             WhiteBalanceTable::Temperature(table) => {
-                let Some(range) = self.ranges.get(ControlKind::WhiteBalanceTemperature) else {
-                    return self.target(values).white_balance;
-                };
-                let ratio = self.camera_ratio(white_balance);
-                let kelvin = table.kelvin_for(ratio);
-                table.gains(kelvin.clamp(range.minimum as f64, range.maximum as f64))
+                self.ranges
+                    .get(ControlKind::WhiteBalanceTemperature)
+                    .map_or(now, |range| {
+                        let kelvin = table.kelvin_for(ratio_needed(white_balance, sensitivity));
+                        table.gains(kelvin.clamp(range.minimum as f64, range.maximum as f64))
+                    })
             }
             WhiteBalanceTable::RedBlue { red, blue } => {
-                let limit = |kind: ControlKind, curve: &super::tables::Curve, channel: usize| {
-                    let range = self.ranges.get(kind)?;
+                let limit = |kind: ControlKind, curve: &Curve, channel: usize| {
                     let wanted = white_balance[channel] * sensitivity[1] / sensitivity[channel];
-                    Some(wanted.clamp(curve.at(range.minimum), curve.at(range.maximum)))
+                    let within = |range: ControlRange| wanted.clamp(curve.at(range.minimum), curve.at(range.maximum));
+                    self.ranges.get(kind).map_or(now[channel], within)
                 };
-                let now = self.gains(values);
                 [
-                    limit(ControlKind::RedBalance, red, 0).unwrap_or(now[0]),
+                    limit(ControlKind::RedBalance, red, 0),
                     1.0,
-                    limit(ControlKind::BlueBalance, blue, 2).unwrap_or(now[2]),
+                    limit(ControlKind::BlueBalance, blue, 2),
                 ]
             }
         };
-        std::array::from_fn(|channel| gains[channel] * sensitivity[channel] / (gains[1] * sensitivity[1]))
+        relative_to_green(gains, sensitivity)
     }
 
-    /// The white balance, green 1, of this camera at a temperature; none if it has no temperatures.
+    /// The white balance, green 1, of this camera at a temperature of its control; none if it has no such control.
     pub(super) fn white_balance_at(&self, kelvin: f64) -> Option<[f64; 3]> {
         let WhiteBalanceTable::Temperature(table) = &self.tables.white_balance else {
             return None;
         };
         let gains = table.gains(kelvin);
-        let sensitivity = self.tables.sensitivity;
-        Some(std::array::from_fn(|channel| {
-            gains[channel] * sensitivity[channel] / (gains[1] * sensitivity[1])
-        }))
+        // What the camera takes the light for and what it is are close; one correction is enough.
+        let nearly = relative_to_green(gains, self.tables.sensitivity.gains(kelvin));
+        Some(relative_to_green(
+            gains,
+            self.tables.sensitivity.gains(self.light_k(nearly)),
+        ))
     }
 
     /// Green signal of unit radiance, time and gain, with a white balance that the camera can have.
     pub(super) fn green_factor(&self, white_balance: [f64; 3]) -> f64 {
-        self.gains(&self.white_balance_values(white_balance))[1] * self.tables.sensitivity[1]
+        let sensitivity = self.tables.sensitivity.gains(self.light_k(white_balance));
+        self.gains(&self.white_balance_values(white_balance, sensitivity))[1] * sensitivity[1]
     }
 
-    /// log2 of the least and greatest exposure of a [`Target`] that the camera can come up to.
-    pub(super) fn range_log2(&self, values: &ControlValues) -> (f64, f64) {
-        let green = self.gains(values)[1] * self.tables.sensitivity[1];
-        let reach = |time_s: f64, gain: f64| (time_s * gain * green).log2();
-        let gain = |value: fn(&ControlRange) -> i64| self.gain_at(value);
-        let (least_s, greatest_s) = self.time_span_s();
-        (
-            reach(least_s, gain(|range| range.minimum)),
-            reach(greatest_s, gain(|range| range.maximum)),
-        )
+    /// log2 of the least and greatest exposure of a [`Target`] that the camera can come up to in light of a temperature.
+    pub(super) fn range_log2(&self, values: &ControlValues, light_k: f64) -> (f64, f64) {
+        let green = self.gains(values)[1] * self.tables.sensitivity.gains(light_k)[1];
+        let (shortest_s, longest_s) = self.time_span_s();
+        let least = shortest_s * self.gain_at(|range| range.minimum);
+        let greatest = longest_s * self.gain_at(|range| range.maximum);
+        ((least * green).log2(), (greatest * green).log2())
     }
 
     /// True if an exposure time lets the lamps' flicker through.
@@ -176,14 +196,6 @@ impl Translator {
         self.ranges.get(kind).is_some()
     }
 
-    /// True if the value of a control is one that the camera takes.
-    #[cfg(test)]
-    pub(super) fn admits(&self, kind: ControlKind, value: i64) -> bool {
-        self.ranges.get(kind).is_some_and(|range| {
-            (range.minimum..=range.maximum).contains(&value) && (value - range.minimum) % range.step == 0
-        })
-    }
-
     fn gains(&self, values: &ControlValues) -> [f64; 3] {
         match &self.tables.white_balance {
             WhiteBalanceTable::Temperature(table) => values
@@ -197,29 +209,22 @@ impl Translator {
         }
     }
 
-    /// Ratio of red to blue gain that the camera needs for a white balance in the rig's own colours.
-    fn camera_ratio(&self, white_balance: [f64; 3]) -> f64 {
-        white_balance[0] / white_balance[2] * self.tables.sensitivity[2] / self.tables.sensitivity[0]
-    }
-
-    fn white_balance_values(&self, white_balance: [f64; 3]) -> ControlValues {
+    fn white_balance_values(&self, white_balance: [f64; 3], sensitivity: [f64; 3]) -> ControlValues {
         let mut values = ControlValues::default();
-        let sensitivity = self.tables.sensitivity;
+        let mut set = |kind: ControlKind, value: f64| {
+            if let Some(range) = self.ranges.get(kind) {
+                values.set(kind, range.nearest(value));
+            }
+        };
         let wanted = |channel: usize| white_balance[channel] * sensitivity[1] / sensitivity[channel];
         match &self.tables.white_balance {
             WhiteBalanceTable::Temperature(table) => {
-                if let Some(range) = self.ranges.get(ControlKind::WhiteBalanceTemperature) {
-                    let kelvin = table.kelvin_for(self.camera_ratio(white_balance));
-                    values.set(ControlKind::WhiteBalanceTemperature, range.nearest(kelvin));
-                }
+                let kelvin = table.kelvin_for(ratio_needed(white_balance, sensitivity));
+                set(ControlKind::WhiteBalanceTemperature, kelvin);
             }
             WhiteBalanceTable::RedBlue { red, blue } => {
-                if let Some(range) = self.ranges.get(ControlKind::RedBalance) {
-                    values.set(ControlKind::RedBalance, range.nearest(red.value_for(wanted(0))));
-                }
-                if let Some(range) = self.ranges.get(ControlKind::BlueBalance) {
-                    values.set(ControlKind::BlueBalance, range.nearest(blue.value_for(wanted(2))));
-                }
+                set(ControlKind::RedBalance, red.value_for(wanted(0)));
+                set(ControlKind::BlueBalance, blue.value_for(wanted(2)));
             }
         }
         values
@@ -250,8 +255,13 @@ impl Translator {
         let (wanted_s, is_exact) = match (time_s, self.policy.flicker_period_s) {
             (Some(time_s), _) => (time_s.clamp(shortest_s, longest_s), true),
             (None, Some(period_s)) => {
-                let periods = (free_s / period_s + TIME_TOLERANCE).floor();
-                if periods >= 1.0 {
+                let periods = free_s / period_s;
+                let periods = if (NEARLY_A_PERIOD..1.0).contains(&periods) {
+                    1.0
+                } else {
+                    (periods + TIME_TOLERANCE).floor()
+                };
+                if periods >= 1.0 && periods * period_s <= longest_s {
                     (periods * period_s, true)
                 } else {
                     (free_s, false)
@@ -306,6 +316,16 @@ impl Translator {
         let curve = self.tables.gain.as_ref()?;
         Some(range.nearest(curve.value_for(gain)))
     }
+}
+
+/// Ratio of red to blue gain that a camera needs for a white balance in the rig's own colours.
+fn ratio_needed(white_balance: [f64; 3], sensitivity: [f64; 3]) -> f64 {
+    white_balance[0] / white_balance[2] * sensitivity[2] / sensitivity[0]
+}
+
+/// What a camera's gains are in the rig's own colours, green 1.
+fn relative_to_green(gains: [f64; 3], sensitivity: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|channel| gains[channel] * sensitivity[channel] / (gains[1] * sensitivity[1]))
 }
 
 /// The part of a range within a span; none if there is none.

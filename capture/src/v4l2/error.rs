@@ -143,6 +143,15 @@ pub enum StreamError {
         #[source]
         source: io::Error,
     },
+    /// A failed USB transfer took part of the stream with it, and nothing comes any more;
+    /// [`super::Stream::restart`] may bring the stream back.
+    #[error("the stream of camera `{}` is stuck since {n_empty} buffers came back empty", path.display())]
+    Stuck {
+        /// The device node.
+        path: PathBuf,
+        /// How many since the stream started.
+        n_empty: u32,
+    },
     /// Buffer after buffer comes back without a picture; [`super::Stream::restart`] may bring the stream back.
     #[error("camera `{}` sent {n_losses} broken frames in a row", path.display())]
     OnlyErrors {
@@ -210,7 +219,10 @@ impl StreamError {
     /// True if [`super::Stream::restart`] is worth a try.
     #[must_use]
     pub fn is_restartable(&self) -> bool {
-        matches!(self, Self::Failed { .. } | Self::OnlyErrors { .. } | Self::Call { .. })
+        matches!(
+            self,
+            Self::Failed { .. } | Self::Stuck { .. } | Self::OnlyErrors { .. } | Self::Call { .. }
+        )
     }
 
     /// One line on what to do about it.
@@ -218,7 +230,7 @@ impl StreamError {
     pub fn hint(&self) -> &'static str {
         match self {
             Self::Unplugged { .. } => "plug it in again; it is found by its address even under another node number",
-            Self::Failed { .. } | Self::OnlyErrors { .. } => {
+            Self::Failed { .. } | Self::Stuck { .. } | Self::OnlyErrors { .. } => {
                 "restart the stream; if it comes back, change cable, port or hub"
             }
             Self::NoBandwidth { .. } => {

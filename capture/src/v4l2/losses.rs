@@ -67,6 +67,7 @@ pub(super) struct Accounts {
     length: Length,
     next_sequence: Option<u32>,
     losses_in_a_row: u32,
+    n_empty: u32,
 }
 
 impl Accounts {
@@ -75,6 +76,7 @@ impl Accounts {
             length,
             next_sequence: None,
             losses_in_a_row: 0,
+            n_empty: 0,
         }
     }
 
@@ -86,6 +88,7 @@ impl Accounts {
         } else {
             0
         };
+        self.n_empty = self.n_empty.saturating_add(u32::from(cause == Some(LossCause::Empty)));
         let ahead = self.next_sequence.map_or(0, |next| sequence.wrapping_sub(next));
         // Buffers that a failing USB transfer gives back carry no number, or that of a frame long past.
         if bytes_used == 0 && ahead != 0 {
@@ -108,6 +111,12 @@ impl Accounts {
     /// Losses since the last good buffer.
     pub(super) fn losses_in_a_row(&self) -> u32 {
         self.losses_in_a_row
+    }
+
+    /// Empty buffers since the stream started. Each lot of them is a USB transfer that failed, of the few that
+    /// uvcvideo keeps under way and does not replace (`uvc_video_complete`): when the last has failed, nothing comes.
+    pub(super) fn n_empty(&self) -> u32 {
+        self.n_empty
     }
 
     /// A new stream on the same device: the driver counts from wherever it likes.

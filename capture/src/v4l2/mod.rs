@@ -5,7 +5,7 @@
 //!                            \--controls--> V4l2Controls (for another thread)
 //! ```
 //!
-//! Nothing of V4L2 leaves this module but names and flags. `unsafe` is in two files: `ioctl.rs` makes the calls,
+//! Nothing of V4L2 leaves this module but names and flags. `unsafe` is in two places: `ioctl` makes the calls,
 //! `buffers.rs` owns the memory that the driver writes into.
 //!
 //! What is not in here: no threads, no waiting but in [`Stream::next`], no decoding of JPEG, no judgement of time
@@ -17,7 +17,9 @@
 )]
 mod buffers;
 mod colour;
+mod control_list;
 mod controls;
+pub mod doctor;
 
 mod enumerate;
 mod error;
@@ -28,17 +30,19 @@ mod losses;
 mod stream;
 
 use std::io;
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::sync::Arc;
 
 use v4l::v4l_sys as sys;
 use v4l::video::Capture;
 
-pub use controls::{AutoMode, ControlChange, ControlDescription, PowerLine, V4l2Controls, Watched};
+pub use control_list::ControlDescription;
+pub use controls::{AutoMode, ControlChange, PowerLine, V4l2Controls, Watched};
 pub use enumerate::{CameraAddress, CameraNode, UsbPlace, find, holders_of, list_nodes};
 pub use error::{ControlError, StreamError, V4l2Error};
 pub use format::{Choice, FormatKind, FormatOffer, Interval, Intervals, Negotiated, SizeOffer, Sizes, Wish, choose};
+pub(crate) use ioctl::monotonic_ns;
 pub use losses::{Loss, LossCause};
 pub use stream::{Method, Raw, StampClock, Stream, StreamSettings, Taken};
 
@@ -355,7 +359,7 @@ fn open_error(path: &Path, source: io::Error) -> V4l2Error {
 }
 
 /// Name of the group that a file belongs to, or its number.
-pub(crate) fn group_of(path: &Path) -> String {
+fn group_of(path: &Path) -> String {
     let Ok(metadata) = std::fs::metadata(path) else {
         return "video".into();
     };
@@ -367,11 +371,6 @@ pub(crate) fn group_of(path: &Path) -> String {
         (fields.nth(1)? == number).then(|| name.to_owned())
     });
     named.unwrap_or(number)
-}
-
-/// True for device nodes of the kind that cameras have.
-pub(crate) fn is_device_node(path: &PathBuf) -> bool {
-    std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_char_device())
 }
 
 /// Lists that a driver does not have are empty.

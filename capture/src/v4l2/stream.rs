@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::buffers::Buffers;
 use super::controls::{ControlChange, V4l2Controls, Watched};
 use super::error::StreamError;
-use super::format::Negotiated;
+use super::format::{Interval, Negotiated};
 use super::ioctl::{Dequeued, Memory, Node, monotonic_ns};
 use super::losses::{Accounts, Length, Loss, LossCause};
 use crate::frame::{BufferFlags, Pixels};
@@ -120,6 +120,11 @@ const BUFFERS_MIN: usize = 2;
 /// Most buffers that a driver may be asked for.
 const BUFFERS_MAX: u32 = 32;
 
+/// After so many intervals without a frame, and at least so many seconds, a stream that lost USB transfers is
+/// given up. Frames of cameras that are well do not come that late.
+const SILENCE_INTERVALS: f64 = 5.0;
+const SILENCE_MIN_S: f64 = 0.3;
+
 /// A running stream. Dropped, it stops and gives all buffers back.
 pub struct Stream {
     buffers: Buffers,
@@ -127,6 +132,7 @@ pub struct Stream {
     negotiated: Negotiated,
     accounts: Accounts,
     watched: Vec<(u32, Watched)>,
+    last_buffer: Instant,
 }
 
 impl Stream {
@@ -155,6 +161,7 @@ impl Stream {
             negotiated,
             accounts,
             watched: Vec::new(),
+            last_buffer: Instant::now(),
         };
         stream.run()?;
         stream.watched = controls.watch();
@@ -217,9 +224,23 @@ impl Stream {
                 }
             }
             if Instant::now() >= deadline {
-                return Ok(Taken::TimedOut);
+                return self.silence();
             }
         }
+    }
+
+    /// What it means that nothing came: a camera that hangs may go on, a stream that lost its transfers will not.
+    fn silence(&self) -> Result<Taken, StreamError> {
+        let interval_s = self.negotiated.interval.map_or(0.0, Interval::seconds);
+        let patience_s = SILENCE_MIN_S.max(SILENCE_INTERVALS * interval_s);
+        let n_empty = self.accounts.n_empty();
+        if n_empty > 0 && self.last_buffer.elapsed().as_secs_f64() > patience_s {
+            return Err(StreamError::Stuck {
+                path: self.path(),
+                n_empty,
+            });
+        }
+        Ok(Taken::TimedOut)
     }
 
     /// Stops and starts the stream on the same open device: what brings back a stream that failed.
@@ -260,6 +281,7 @@ impl Stream {
     /// Makes a frame of a buffer that came back, or says why it is none.
     fn settle(&mut self, dequeued: Dequeued, pool: &mut dyn Pool) -> Taken {
         let dequeued_ns = monotonic_ns();
+        self.last_buffer = Instant::now();
         let Dequeued {
             index,
             bytes_used,

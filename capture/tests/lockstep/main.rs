@@ -40,7 +40,7 @@ fn cameras(models: &[Model], seed: u64, knows_latency: bool) -> Vec<LockstepCame
 }
 
 fn rig(settings: LockstepSettings, models: &[Model], seed: u64, knows_latency: bool) -> Rig {
-    let lockstep = Lockstep::new(settings, cameras(models, seed, knows_latency)).unwrap();
+    let lockstep = Lockstep::new(settings, cameras(models, seed, knows_latency)).expect("good settings");
     Rig::new(lockstep, models, seed)
 }
 
@@ -109,7 +109,7 @@ fn exposure_log2(frame: &Taken) -> f64 {
 fn assert_truthful(taken: &[Taken], models: &[Model]) {
     for frame in taken.iter().filter(|frame| frame.said.is_certain) {
         let model = &models[frame.camera];
-        let truth = |kind| frame.truth.get(kind).unwrap();
+        let truth = |kind| frame.truth.get(kind).expect("every control has a value");
         let time_s = model.time_s(truth(ControlKind::ExposureTime));
         let gain = model.gain(truth(ControlKind::Gain));
         let off = (exposure_log2(frame) - (time_s * gain).log2()).abs();
@@ -122,34 +122,68 @@ fn assert_truthful(taken: &[Taken], models: &[Model]) {
     }
 }
 
-#[test]
-fn static_light_is_matched() {
+/// Mean exposure match of several set-ups under steady light, with tables that are off by `table_error`.
+fn static_matches(table_error: f64, n_seeds: u64) -> Vec<f64> {
     let models = [SCENE, PROBE];
     let mut means = Vec::new();
-    for seed in 0..12 {
+    for seed in 0..n_seeds {
         for level_ev in [-3.0, 0.0, 3.0] {
             let light = Light { level_ev, ..EVENING };
-            let mut rig = rig(settings(), &models, seed, true);
+            let mut random = Random(seed);
+            let cameras = models.map(|model| {
+                let tables = model.tables(table_error, &mut random);
+                model.camera(tables, Some(model.latency_frames))
+            });
+            let mut rig = Rig::new(
+                Lockstep::new(settings(), cameras.to_vec()).expect("good settings"),
+                &models,
+                seed,
+            );
             rig.run(4.0, |_| light);
-            let taken = rig.run(5.0, |_| light);
+            let taken = rig.run(4.5, |_| light);
             assert_truthful(&taken, &models);
             let offs: Vec<f64> = pairs(&taken).into_iter().map(|pair| match_ev(pair).0).collect();
             assert!(worst(&offs) <= 0.05, "seed {seed}, {level_ev} EV: {offs:?}");
             means.push(mean(&offs));
         }
     }
-    let rms = (means.iter().map(|off| off * off).sum::<f64>() / means.len() as f64).sqrt();
-    println!(
-        "exposure match, static light: rms {rms:.4} EV, worst of {} set-ups {:.4} EV",
-        means.len(),
-        worst(&means)
-    );
-    assert!(rms <= 0.02, "{means:?}");
+    means
 }
 
-/// One run with a step of light: worst mismatch from the third pair after it on, frames until the leader's exposure
-/// stays within a tenth of a step, and overshoot in steps.
-fn step_run(models: &[Model], step_ev: f64, seed: u64, faults: Faults) -> (f64, usize, f64) {
+#[test]
+fn static_light_is_matched() {
+    let rms = |means: &[f64]| (means.iter().map(|off| off * off).sum::<f64>() / means.len() as f64).sqrt();
+    let exact = static_matches(0.0, 4);
+    println!(
+        "exposure match, static light, tables exact: rms {:.4} EV, worst {:.4} EV",
+        rms(&exact),
+        worst(&exact)
+    );
+    assert!(worst(&exact) <= 0.02, "{exact:?}");
+    let usual = static_matches(TABLE_ERROR, 12);
+    println!(
+        "exposure match, static light, tables off by 0.3 %: rms {:.4} EV, worst {:.4} EV",
+        rms(&usual),
+        worst(&usual)
+    );
+    // Three tables of each of two cameras, each off by 0.3 %, are together off by 0.011 EV.
+    assert!(rms(&usual) <= 0.02, "{usual:?}");
+}
+
+/// What became of a step of light.
+#[derive(Debug)]
+struct StepRun {
+    /// Worst exposure match from the third pair after the step on.
+    match_ev: f64,
+    /// Frames until the leader's exposure stays within a tenth of a step of where it ends.
+    settled_frames: usize,
+    /// How far past its end the leader's exposure went.
+    overshoot_ev: f64,
+    /// Pairs whose cameras are exposed for different targets.
+    n_apart: usize,
+}
+
+fn step_run(models: &[Model], step_ev: f64, seed: u64, faults: Faults) -> StepRun {
     let mut rig = rig(settings(), models, seed, true);
     let base_ev = if step_ev > 0.0 { -2.0 } else { 2.0 };
     let step_s = 4.0 + 0.1 * Random(seed).even();
@@ -159,7 +193,7 @@ fn step_run(models: &[Model], step_ev: f64, seed: u64, faults: Faults) -> (f64, 
     };
     rig.run(3.5, light);
     rig.faults = faults;
-    let taken = rig.run(7.0, light);
+    let taken = rig.run(6.0, light);
     assert_truthful(&taken, models);
     let after = |frame: &&Taken| frame.timestamp_ns as f64 * 1e-9 >= step_s;
     let both: Vec<(&Taken, &Taken)> = pairs(&taken).into_iter().filter(|pair| after(&pair.0)).collect();
@@ -181,7 +215,16 @@ fn step_run(models: &[Model], step_ev: f64, seed: u64, faults: Faults) -> (f64, 
         .iter()
         .map(|log2| (end - log2) * step_ev.signum())
         .fold(0.0, f64::max);
-    (worst(&offs), settled, overshoot)
+    let is_apart = |pair: &&(&Taken, &Taken)| {
+        let left_over_ev = pair.0.said.residual[1].log2() - pair.1.said.residual[1].log2();
+        left_over_ev.abs() > 0.2
+    };
+    StepRun {
+        match_ev: worst(&offs),
+        settled_frames: settled,
+        overshoot_ev: overshoot,
+        n_apart: both.iter().filter(is_apart).count(),
+    }
 }
 
 #[test]
@@ -206,16 +249,19 @@ fn steps_of_four_ev_are_followed() {
         ),
     ] {
         for step_ev in [4.0, -4.0] {
-            let runs: Vec<_> = (0..20).map(|seed| step_run(&models, step_ev, seed, faults)).collect();
-            let off = runs.iter().fold(0.0, |worst, run| f64::max(worst, run.0));
-            let settled = runs.iter().map(|run| run.1).max().unwrap();
-            let usual = runs.iter().map(|run| run.1).sum::<usize>() as f64 / runs.len() as f64;
-            let overshoot = runs.iter().fold(0.0, |worst, run| f64::max(worst, run.2));
+            let runs: Vec<_> = (0..10).map(|seed| step_run(&models, step_ev, seed, faults)).collect();
+            let off = runs.iter().fold(0.0, |worst, run| f64::max(worst, run.match_ev));
+            let settled = runs.iter().map(|run| run.settled_frames).max().unwrap();
+            let usual = runs.iter().map(|run| run.settled_frames).sum::<usize>() as f64 / runs.len() as f64;
+            let overshoot = runs.iter().fold(0.0, |worst, run| f64::max(worst, run.overshoot_ev));
             println!(
                 "{step_ev:+} EV, {name}: match after 3 frames {off:.3} EV at worst, exposure settled after {usual:.1} \
                  frames ({settled} at most), overshoot {overshoot:.3} EV"
             );
             assert!(off <= 0.05 && overshoot <= 0.3, "{runs:?}");
+            // Requests come into force on the same frame.
+            let is_faultless = faults.lost == 0.0;
+            assert!(!is_faultless || runs.iter().all(|run| run.n_apart == 0), "{runs:?}");
             // Three rounds of latency at most, then a small difference closes smoothly.
             assert!(settled <= 30, "{runs:?}");
         }
@@ -229,10 +275,10 @@ fn white_balance_is_matched() {
     for kelvin in [2700.0, 3200.0, 4000.0, 5000.0, 5600.0, 6500.0] {
         let light = Light { level_ev: 0.0, kelvin };
         let mut found = Vec::new();
-        for seed in 0..6 {
+        for seed in 0..4 {
             let mut rig = rig(settings(), &models, seed, true);
             rig.run(8.0, |_| light);
-            let taken = rig.run(8.3, |_| light);
+            let taken = rig.run(8.2, |_| light);
             let patch_of = rig.room.patch.clone();
             found.extend(pairs(&taken).into_iter().map(|pair| match_delta_e(pair, &patch_of)));
         }
@@ -257,8 +303,6 @@ fn white_balance_makes_grey_grey_after_a_change_of_light() {
     };
     rig.run(6.0, light);
     let taken = rig.run(12.0, light);
-    let targets: Vec<f64> = taken.iter().map(|frame| frame.said.exposure.white_balance[2]).collect();
-    assert!(targets.iter().all(|blue| *blue > 0.0));
     let Target { white_balance, .. } = *rig.lockstep.target();
     let light = mirrorball_capture::lockstep::tables::TemperatureTable::black_body().gains(3000.0);
     for channel in [0, 2] {
@@ -266,9 +310,40 @@ fn white_balance_makes_grey_grey_after_a_change_of_light() {
         let off = (white_balance[channel] / light[channel]).log2().abs();
         assert!(off < 0.25, "channel {channel}: {off}");
     }
-    let after: Vec<Exposure> = taken.iter().rev().take(60).map(|frame| frame.said.exposure).collect();
-    let leaders = |pair: &[Exposure]| pair[0].white_balance == pair[1].white_balance || pair[0].gain != pair[1].gain;
-    drop(after.windows(3).map(|w| leaders(&[w[0], w[2]])).collect::<Vec<_>>());
+    // From one light to the other without turning back: blue gain only rises, but for a step of the camera's control.
+    let blue = |frame: &&Taken| (frame.camera == 0).then(|| frame.said.exposure.white_balance[2]);
+    let blues: Vec<f64> = taken.iter().filter_map(|frame| blue(&frame)).collect();
+    let mut most = 0.0;
+    for blue in blues {
+        assert!(blue > 0.99 * most, "{blue} after {most}");
+        most = f64::max(most, blue);
+    }
+}
+
+/// Changes of the target until a moment, and how often it turned by more than a code of the picture.
+fn count_turns(rig: &mut Rig, until_s: f64, light: impl Fn(f64) -> Light) -> (usize, usize) {
+    const CODE_EV: f64 = 0.03;
+    let (mut n_changes, mut n_turns, mut is_rising) = (0, 0, None);
+    let mut before = rig.lockstep.target().exposure_s.log2();
+    let (mut least, mut most) = (before, before);
+    let mut at_s = 0.0;
+    while at_s < until_s {
+        let Some(taken) = rig.step(&light) else { continue };
+        at_s = taken.timestamp_ns as f64 * 1e-9;
+        let now = rig.lockstep.target().exposure_s.log2();
+        n_changes += usize::from(now != before);
+        before = now;
+        (least, most) = (least.min(now), most.max(now));
+        let turn = match is_rising {
+            Some(true) | None if now < most - CODE_EV => Some(false),
+            Some(false) | None if now > least + CODE_EV => Some(true),
+            _ => continue,
+        };
+        n_turns += usize::from(is_rising.is_some());
+        is_rising = turn;
+        (least, most) = (now, now);
+    }
+    (n_changes, n_turns)
 }
 
 #[test]
@@ -276,37 +351,43 @@ fn nothing_swings_under_noise_and_slow_drift() {
     let models = [Model { noise: 0.03, ..SCENE }, PROBE];
     let mut rig = rig(settings(), &models, 9, true);
     rig.run(5.0, |_| EVENING);
-    let count = |rig: &mut Rig, until_s: f64, light: &dyn Fn(f64) -> Light| {
-        let (mut n_changes, mut n_turns, mut direction, mut before) =
-            (0, 0, 0.0, rig.lockstep.target().exposure_s.log2());
-        let mut at_s = 0.0;
-        while at_s < until_s {
-            let Some(taken) = rig.step(light) else { continue };
-            at_s = taken.timestamp_ns as f64 * 1e-9;
-            let change = rig.lockstep.target().exposure_s.log2() - before;
-            before += change;
-            if change != 0.0 {
-                n_changes += 1;
-                n_turns += usize::from(direction * change < 0.0);
-                direction = change.signum();
-            }
-        }
-        (n_changes, n_turns)
-    };
-    let still = count(&mut rig, 65.0, &|_| EVENING);
+    let still = count_turns(&mut rig, 65.0, |_| EVENING);
     println!("a minute of steady light: {} changes of the target", still.0);
     assert!(still.0 == 0, "{still:?}");
     let drift = |s: f64| Light {
         level_ev: ((s - 65.0) * std::f64::consts::TAU / 60.0).sin(),
         ..EVENING
     };
-    let drifting = count(&mut rig, 65.0 + 180.0, &drift);
+    let drifting = count_turns(&mut rig, 65.0 + 180.0, drift);
     println!(
         "three minutes of ±1 EV a minute: {} changes, {} turns",
         drifting.0, drifting.1
     );
     // The light itself turns six times.
-    assert!(drifting.1 <= 7, "{drifting:?}");
+    assert!(drifting.1 <= 6, "{drifting:?}");
+}
+
+#[test]
+fn a_window_in_the_picture_makes_nothing_swing() {
+    let models = [SCENE, PROBE];
+    let (mut n_changes, mut n_runs) = (0, 0);
+    for share in [0.02, 0.05, 0.1, 0.2, 0.4] {
+        for brighter_ev in [3.0_f64, 6.0] {
+            let mut rig = rig(settings(), &models, n_runs, true);
+            for pixel in 0..(share * PIXELS as f64) as usize {
+                rig.room.shade[pixel] *= brighter_ev.exp2();
+            }
+            rig.run(6.0, |_| EVENING);
+            let (changes, turns) = count_turns(&mut rig, 16.0, |_| EVENING);
+            assert!(
+                changes <= 2 && turns == 0,
+                "{share}, {brighter_ev} EV: {changes}, {turns}"
+            );
+            n_changes += changes;
+            n_runs += 1;
+        }
+    }
+    println!("windows over 2 to 40 % of the picture: {n_changes} changes of the target in {n_runs} runs of 10 s");
 }
 
 #[test]
@@ -350,10 +431,10 @@ fn latency_is_found() {
         while let Some(camera) = (0..2).find(|camera| known_s[*camera].is_nan()) {
             let Some(taken) = rig.step(light) else { continue };
             let at_s = taken.timestamp_ns as f64 * 1e-9;
-            for camera in 0..2 {
+            for (camera, known_s) in known_s.iter_mut().enumerate() {
                 let is_known = rig.lockstep.camera(camera).unwrap().latency.source == LatencySource::Measured;
-                if is_known && known_s[camera].is_nan() {
-                    known_s[camera] = at_s;
+                if is_known && known_s.is_nan() {
+                    *known_s = at_s;
                 }
             }
             if at_s > 15.0 {
@@ -414,7 +495,7 @@ fn lamps_get_whole_periods() {
     };
     let mut rig = rig(flicker, &models, 3, true);
     rig.run(4.0, |_| EVENING);
-    for (level_ev, flickers) in [(0.0, false), (-2.0, false), (4.0, true), (-1.0, false)] {
+    for (level_ev, flickers) in [(-1.5, false), (-3.0, false), (4.0, true), (-2.0, false)] {
         let light = Light { level_ev, ..EVENING };
         let now_s = rig.run(4.1, |_| light).len() as f64;
         assert!(now_s >= 0.0);

@@ -2,7 +2,8 @@
 
 use mirrorball_capture::lockstep::LockstepCamera;
 use mirrorball_capture::lockstep::tables::{
-    ExposureTableConfig, GainTableConfig, Tables, TablesConfig, TemperatureTable, WhiteBalanceTableConfig,
+    ExposureTableConfig, GainTableConfig, SensitivityTableConfig, Tables, TablesConfig, TemperatureTable,
+    WhiteBalanceTableConfig,
 };
 use mirrorball_capture::{ControlKind, ControlRange, ControlRanges, ControlValues};
 
@@ -174,6 +175,13 @@ impl Model {
         raw.map(|channel| raw[1] / channel)
     }
 
+    /// Signal of a grey thing under a light, relative to a camera that sees the light as it is.
+    fn relative_signal(&self, kelvin: f64) -> [f64; 3] {
+        let light = TemperatureTable::black_body().gains(kelvin).map(|gain| 1.0 / gain);
+        let raw = self.raw(light);
+        std::array::from_fn(|channel| raw[channel] * self.sensitivity[channel] / light[channel])
+    }
+
     pub(crate) fn raw(&self, rgb: [f64; 3]) -> [f64; 3] {
         self.matrix
             .map(|row| row.iter().zip(rgb).map(|(weight, channel)| weight * channel).sum())
@@ -214,6 +222,8 @@ impl Model {
         let temperatures = kelvins
             .map(|kelvin| (kelvin, self.white_balance(kelvin as f64).map(&mut off)))
             .collect();
+        let lights = [2500, 3000, 3600, 4400, 5400, 6500, 8000];
+        let sensitivities = lights.map(|kelvin| (kelvin, self.relative_signal(kelvin as f64).map(&mut off)));
         let config = TablesConfig {
             exposure_table: Some(ExposureTableConfig {
                 unit_s: None,
@@ -224,9 +234,12 @@ impl Model {
                 temperatures: Some(temperatures),
                 ..WhiteBalanceTableConfig::default()
             }),
-            sensitivity: Some(self.sensitivity.map(&mut off)),
+            sensitivity: None,
+            sensitivity_table: Some(SensitivityTableConfig {
+                temperatures: sensitivities.to_vec(),
+            }),
         };
-        Tables::new(&config).unwrap()
+        Tables::new(&config).expect("tables that rise")
     }
 
     pub(crate) fn start(&self) -> ControlValues {
@@ -252,7 +265,7 @@ impl Model {
 
     /// The picture of the room with these values, in sRGB codes.
     pub(crate) fn picture(&self, room: &Room, light: Light, values: &ControlValues, random: &mut Random) -> Vec<u8> {
-        let get = |kind| values.get(kind).unwrap();
+        let get = |kind| values.get(kind).expect("every control has a value");
         let scalar = self.time_s(get(ControlKind::ExposureTime)) * self.gain(get(ControlKind::Gain));
         let white_balance = self.white_balance(get(ControlKind::WhiteBalanceTemperature) as f64);
         let signals = room.radiance(light).map(|rgb| {

@@ -277,6 +277,10 @@ struct Mapping {
     length: usize,
 }
 
+// SAFETY: the pointer is to memory that this value alone owns, from mmap to munmap, and the kernel lets any thread of the
+// process use it.
+unsafe impl Send for Mapping {}
+
 impl Mapping {
     fn new(file: &File, length: usize, offset: u32) -> io::Result<Self> {
         // SAFETY: a new mapping at an address of the kernel's choice touches no memory of ours.

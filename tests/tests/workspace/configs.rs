@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::support::data;
 use mirrorball_calib::rig::Rig;
-use mirrorball_capture::{Pace, Player, Repeat};
+use mirrorball_capture::{CaptureConfig, Pace, Player, Repeat};
 use mirrorball_render::config::RenderConfig;
 use mirrorball_render::scene::Scene;
 
@@ -22,6 +22,35 @@ fn render_toml_spells_out_the_defaults() {
         RenderConfig::load(&configs().join("render.toml")).unwrap(),
         RenderConfig::default()
     );
+}
+
+#[test]
+fn capture_toml_spells_out_the_defaults() {
+    let file = configs().join("capture.toml");
+    let spelt_out = CaptureConfig::load(&file).unwrap();
+    let camera = |name: &str, port: u32| {
+        format!(
+            "[[camera]]\nname = \"{name}\"\nrole = \"{name}\"\nsize_px = [1280, 720]\ncard = \"HD Pro Webcam\"\n\
+             usb_path = \"usb-0000:00:14.0-{port}\"\n"
+        )
+    };
+    let least = format!("version = 1\n{}{}", camera("scene", 1), camera("ball", 2));
+    assert_eq!(spelt_out, CaptureConfig::parse(&least, &file).unwrap());
+}
+
+#[test]
+fn what_is_commented_out_in_capture_toml_is_right_too() {
+    let file = configs().join("capture.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let is_toml = |line: &str| line.starts_with('[') || line.contains(" = ");
+    let uncommented = |line: &str| match line.strip_prefix("# ") {
+        Some(rest) if is_toml(rest) && !rest.contains(": ") => rest.to_owned(),
+        _ => line.to_owned(),
+    };
+    let text: Vec<String> = text.lines().map(uncommented).collect();
+    let config = CaptureConfig::parse(&text.join("\n"), &file).unwrap();
+    assert_eq!(config.cameras[0].latency_frames, Some(2));
+    assert!(config.record.is_some() && config.rig.is_some() && config.service.status_socket.is_some());
 }
 
 #[test]
@@ -45,7 +74,17 @@ fn every_config_file_is_covered_here() {
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["README.md", "render.toml", "rig.toml", "scene.toml"]);
+    assert_eq!(
+        names,
+        [
+            "README.md",
+            "capture.toml",
+            "render.toml",
+            "rig.toml",
+            "scene.toml",
+            "systemd"
+        ]
+    );
 }
 
 #[test]

@@ -1,102 +1,92 @@
-//! Frames arrive: as many as they should, in order, and the ones that were sent.
+//! Frames arrive, in order, and they are the ones that were sent.
 
-use std::path::Path;
 use std::thread;
-use std::time::{Duration, Instant};
 
 use mirrorball_driver_tests::raw_camera::RawCamera;
 use mirrorball_driver_tests::vivid;
-use mirrorball_driver_tests::webcam::counter;
-use mirrorball_driver_tests::webcam::{Webcam, WebcamConfig};
+use mirrorball_driver_tests::webcam::WebcamConfig;
+use mirrorball_driver_tests::webcam::truth::Fate;
 
-const PATIENCE: Duration = Duration::from_secs(5);
-
-fn say(error: impl std::fmt::Display) -> String {
-    error.to_string()
-}
+use super::support::{Bench, Known, MJPEG, PATIENCE, YUYV, counter_gaps, ensure, say, sequence_gaps};
 
 pub(super) fn vivid_streams() -> Result<(), String> {
     let nodes = vivid::nodes();
-    if nodes.len() != 2 {
-        return Err(format!("two vivid cameras expected: {nodes:?}"));
+    ensure(nodes.len() == 2, || {
+        format!("two cameras of vivid expected, there are {nodes:?}")
+    })?;
+    for node in nodes {
+        let mut camera = RawCamera::open(&node).map_err(say)?;
+        let chosen = camera.set_format((320, 180), YUYV).map_err(say)?;
+        ensure(chosen == ((320, 180), YUYV), || format!("the driver chose {chosen:?}"))?;
+        camera.set_rate(60).map_err(say)?;
+        camera.start(4).map_err(say)?;
+        let mut last: Option<(u32, u64)> = None;
+        for _ in 0..30 {
+            let frame = camera.next_frame(PATIENCE).map_err(say)?.ok_or("no frame")?;
+            ensure(frame.bytes.len() == 320 * 180 * 2, || {
+                format!("{} bytes", frame.bytes.len())
+            })?;
+            let now = (frame.sequence, frame.timestamp_ns);
+            ensure(last.is_none_or(|last| last < now), || format!("{now:?} after {last:?}"))?;
+            last = Some(now);
+        }
+        camera.stop().map_err(say)?;
     }
-    let received = stream(&nodes[0], (640, 360), *b"YUYV", 20)?;
-    println!("    {received:?}");
     Ok(())
 }
 
-pub(super) fn webcams_stream_yuyv() -> Result<(), String> {
-    both((640, 480), *b"YUYV")
+pub(super) fn two_webcams_stream_yuyv() -> Result<(), String> {
+    both_stream((640, 480), YUYV)
 }
 
-pub(super) fn webcams_stream_mjpeg() -> Result<(), String> {
-    both((1280, 720), *b"MJPG")
+pub(super) fn two_webcams_stream_mjpeg() -> Result<(), String> {
+    both_stream((1280, 720), MJPEG)
 }
 
-fn both(size: (u32, u32), fourcc: [u8; 4]) -> Result<(), String> {
-    let webcams = [
-        Webcam::plug(0, WebcamConfig::named("Scene camera")).map_err(say)?,
-        Webcam::plug(1, WebcamConfig::named("Probe camera")).map_err(say)?,
-    ];
-    let nodes = [
-        webcams[0].node(PATIENCE).map_err(say)?,
-        webcams[1].node(PATIENCE).map_err(say)?,
-    ];
-    let results = thread::scope(|scope| {
-        let threads = nodes
-            .each_ref()
-            .map(|node| scope.spawn(move || stream(node, size, fourcc, 90)));
-        threads.map(|thread| thread.join().map_err(|_| "panic".to_owned()).and_then(|result| result))
+fn both_stream(size: (u32, u32), fourcc: [u8; 4]) -> Result<(), String> {
+    let benches = [(0, "Scene camera"), (1, "Probe camera")].map(|(port, name)| {
+        let bench = Bench::open(port, WebcamConfig::named(name), size, fourcc)?;
+        let card = bench.camera.name().map_err(say)?;
+        ensure(card == name, || format!("the driver calls `{name}` `{card}`"))?;
+        Ok::<_, String>(bench)
     });
-    for (result, webcam) in results.into_iter().zip(&webcams) {
-        let received = result?;
-        let overruns = webcam
-            .truth()
-            .iter()
-            .filter(|frame| frame.fate != mirrorball_driver_tests::webcam::truth::Fate::Sent)
-            .count();
-        println!("    {received:?} overruns {overruns} of {}", webcam.truth().len());
+    let threads = benches.map(|bench| {
+        thread::spawn(move || {
+            let mut bench = bench?;
+            bench.start()?;
+            let frames = bench.known_frames(60)?;
+            check(&bench, &frames)
+        })
+    });
+    for thread in threads {
+        thread.join().map_err(|_| "a reader panicked")??;
     }
     Ok(())
 }
 
-#[derive(Debug)]
-#[expect(dead_code, reason = "printed")]
-struct Received {
-    rate_hz: f64,
-    gaps: u32,
-    counters: Vec<Option<u16>>,
-    bytes: usize,
-}
-
-fn stream(node: &Path, size: (u32, u32), fourcc: [u8; 4], n_frames: usize) -> Result<Received, String> {
-    let mut camera = RawCamera::open(node).map_err(say)?;
-    let chosen = camera.set_format(size, fourcc).map_err(say)?;
-    if chosen != (size, fourcc) {
-        return Err(format!("the driver chose {chosen:?}"));
-    }
-    camera.start(4).map_err(say)?;
-    let mut frames = Vec::new();
-    let start = Instant::now();
-    while frames.len() < n_frames {
-        let frame = camera.next_frame(PATIENCE).map_err(say)?;
-        frames.push(frame.ok_or_else(|| format!("no frame after {} frames", frames.len()))?);
-    }
-    let elapsed_s = start.elapsed().as_secs_f64();
-    camera.stop().map_err(say)?;
-    let gaps = frames
-        .windows(2)
-        .map(|pair| pair[1].sequence - pair[0].sequence - 1)
-        .sum();
-    let counters = frames
-        .iter()
-        .step_by(30)
-        .map(|frame| counter::read_yuyv(&frame.bytes, size.0 as usize))
-        .collect();
-    Ok(Received {
-        rate_hz: n_frames as f64 / elapsed_s,
-        gaps,
-        counters,
-        bytes: frames[0].bytes.len(),
+/// Every frame that came had been sent, and of those between them none is missing that was sent.
+fn check(bench: &Bench, frames: &[Known]) -> Result<(), String> {
+    let (first, last) = (frames[0].truth.counter, frames[frames.len() - 1].truth.counter);
+    let sent = bench
+        .webcam
+        .truth()
+        .into_iter()
+        .filter(|frame| (first..=last).contains(&frame.counter));
+    let n_sent = sent.filter(|frame| frame.fate == Fate::Sent).count() as u32;
+    let seconds = (frames[frames.len() - 1].frame.timestamp_ns - frames[0].frame.timestamp_ns) as f64 / 1e9;
+    println!(
+        "    {}: {:.1} frames/s; {} of {} lost between sensor and cable, {} between cable and reader",
+        bench.camera.name().map_err(say)?,
+        (frames.len() - 1) as f64 / seconds,
+        last + 1 - first - u64::from(n_sent),
+        last + 1 - first,
+        sequence_gaps(frames),
+    );
+    let found = frames.len() as u32 + sequence_gaps(frames);
+    ensure(found == n_sent, || {
+        format!("{n_sent} frames sent, {found} received or missed by the driver's sequence")
+    })?;
+    ensure(counter_gaps(frames) >= u64::from(sequence_gaps(frames)), || {
+        "a gap without a lost frame".to_owned()
     })
 }

@@ -72,7 +72,7 @@ pub fn attach(port: u8) -> Result<UnixStream, VhciError> {
 fn try_attach(port: u8) -> io::Result<UnixStream> {
     let (ours, kernels) = UnixStream::pair()?;
     // The device id is free to choose; it is 16 bits of bus number and 16 of device number on the exporting side.
-    let device_id = 1 << 16 | u32::from(port) + 1;
+    let device_id = (1 << 16) | (u32::from(port) + 1);
     let line = format!("{port} {} {device_id} {HIGH_SPEED}", kernels.as_raw_fd());
     // The kernel takes a reference of its own to the socket, so that ours may be closed afterwards.
     fs::write(format!("{CONTROLLER}/attach"), line)?;

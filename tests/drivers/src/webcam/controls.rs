@@ -418,12 +418,15 @@ mod tests {
 
     #[test]
     fn values_fall_on_steps() {
-        let mut ranges = ControlRanges::default();
-        ranges.exposure_100us = Range {
+        let exposure_100us = Range {
             minimum: 1,
             maximum: 1000,
             step: 5,
             default: 101,
+        };
+        let ranges = ControlRanges {
+            exposure_100us,
+            ..ControlRanges::default()
         };
         let mut controls = Controls::new(ranges);
         controls.answer(SET_CUR, EXPOSURE_MODE, &[1]).unwrap();

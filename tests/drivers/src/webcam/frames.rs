@@ -3,7 +3,6 @@
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use image::RgbImage;
 use rustix::time::{ClockId, clock_gettime};
 
 use super::controls::{Control, Controls};
@@ -40,7 +39,6 @@ pub(super) struct Frames {
     state: Arc<Mutex<State>>,
     model: SensorModel,
     painter: Painter,
-    rgb: Vec<u8>,
     jpeg: Option<(JpegKey, CountedJpeg)>,
     delayed: DelayedSettings,
 }
@@ -53,7 +51,6 @@ impl Frames {
             state,
             model,
             painter: Painter::new(seed),
-            rgb: Vec::new(),
             jpeg: None,
             delayed,
         }
@@ -119,13 +116,8 @@ impl Frames {
             }
             Encoding::Mjpeg => {
                 if self.jpeg.as_ref().is_none_or(|(key, _)| *key != exposure.key) {
-                    self.painter.paint(view, Pixels::Rgb, size, &mut self.rgb);
-                    let rgb = std::mem::take(&mut self.rgb);
-                    let image = RgbImage::from_raw(mode.width as u32, mode.height as u32, rgb)
-                        .expect("as many bytes as the picture has");
-                    let jpeg = CountedJpeg::encode(&image).expect("the encoder takes RGB pictures of our sizes");
-                    self.rgb = image.into_raw();
-                    self.jpeg = Some((exposure.key, jpeg));
+                    let rows = self.painter.paint_block_rows(view, size);
+                    self.jpeg = Some((exposure.key, rows.encode(mode.width)));
                 }
                 let (_, jpeg) = self.jpeg.as_ref().expect("it was made above");
                 jpeg.write(exposure.counter, picture);
@@ -180,7 +172,10 @@ fn run_automatics(controls: &mut Controls, view: View<'_>) {
     if controls.white_balance_is_automatic() {
         let present = controls.get(Control::WhiteBalance);
         let wanted = view.light.temperature_k.round() as i32;
-        controls.set(Control::WhiteBalance, present + (wanted - present) / 8);
+        // A webcam rests when it is near enough; a picture that creeps for ever looks alive.
+        if wanted.abs_diff(present) > 60 {
+            controls.set(Control::WhiteBalance, present + (wanted - present) / 3);
+        }
     }
 }
 

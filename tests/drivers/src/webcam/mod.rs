@@ -28,7 +28,7 @@ mod device;
 pub mod faults;
 pub mod format;
 mod frames;
-mod jpeg;
+pub mod jpeg;
 mod node;
 mod noise;
 mod paint;
@@ -79,6 +79,9 @@ impl WebcamError {
         }
     }
 }
+
+/// How long the kernel may take to notice an unplug; measured: some ten milliseconds.
+const UNPLUG_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What is constant about a webcam.
 #[derive(Clone, Debug)]
@@ -156,13 +159,17 @@ impl Webcam {
         Ok(webcam)
     }
 
-    /// Pulls the plug, in the middle of whatever goes on.
+    /// Pulls the plug, in the middle of whatever goes on, and waits until the kernel has noticed: its node is gone.
     pub fn unplug(&mut self) {
         if let Some((socket, thread)) = self.plugged.take() {
             // The socket may be closed already by the kernel.
             let _ = socket.shutdown(Shutdown::Both);
             // The thread owns nothing that a panic could leave half done; its message is on standard error.
             let _ = thread.join();
+            let deadline = Instant::now() + UNPLUG_PATIENCE;
+            while self.has_node() && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(2));
+            }
         }
     }
 

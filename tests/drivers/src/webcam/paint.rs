@@ -4,6 +4,7 @@
 //! the radiances plus that of the gain, through a table. Noise is in the luma alone.
 
 use super::counter::{BLOCK_PX, COUNTER_ROWS, block_luma};
+use super::jpeg::CountedJpeg;
 use super::noise::{NoiseTable, Random};
 use super::scene::{
     LOG_CODE_MAX, LOG_CODE_OF_ONE, LOG_STEPS_PER_STOP, Light, LinearPicture, Patches, Scene, linear_to_srgb,
@@ -61,6 +62,20 @@ pub(super) struct Painter {
     strip: Vec<u8>,
 }
 
+/// An RGB picture as rows of blocks, 8 pixels high, some of which are shown repeatedly.
+pub(super) struct BlockRows {
+    rgb: Vec<u8>,
+    order: Vec<usize>,
+}
+
+impl BlockRows {
+    /// Encodes the picture.
+    pub(super) fn encode(&self, width: usize) -> CountedJpeg {
+        let rows: Vec<&[u8]> = self.rgb.chunks_exact(width * BLOCK_PX * 3).collect();
+        CountedJpeg::encode(width, &rows, &self.order).expect("the encoder takes RGB pictures of our sizes")
+    }
+}
+
 /// By how much a strip is longer than its patch is wide; where it begins is drawn from this many pixels.
 const STRIP_PLAY_PX: usize = 256;
 
@@ -90,6 +105,23 @@ impl Painter {
             Scene::Patches(patches) => self.paint_patches(view, patches, pixels, (width, out)),
             Scene::Film(film) => self.paint_film(view, &film.pictures[view.picture_index], pixels, (width, out)),
         }
+    }
+
+    /// Paints an RGB picture as rows of blocks. A patch has a few different rows, which take turns.
+    pub(super) fn paint_block_rows(&mut self, view: View<'_>, (width, height): (usize, usize)) -> BlockRows {
+        const VARIANTS: usize = 3;
+        let n_rows = height / BLOCK_PX;
+        let (painted_rows, order) = match view.scene {
+            Scene::Patches(patches) => {
+                let patch_rows = patches.rows().max(1);
+                let variant = |row: usize| row * patch_rows / n_rows * VARIANTS + row % VARIANTS;
+                (patch_rows * VARIANTS, (0..n_rows).map(variant).collect())
+            }
+            Scene::Film(_) => (n_rows, (0..n_rows).collect()),
+        };
+        let mut rgb = Vec::new();
+        self.paint(view, Pixels::Rgb, (width, painted_rows * BLOCK_PX), &mut rgb);
+        BlockRows { rgb, order }
     }
 
     fn paint_patches(&mut self, view: View<'_>, patches: &Patches, pixels: Pixels, target: (usize, &mut [u8])) {

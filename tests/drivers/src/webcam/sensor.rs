@@ -169,8 +169,11 @@ impl DelayedSettings {
 }
 
 /// One step of a webcam's own automatic exposure: the time that brings the mean signal towards 18 % grey, a third of
-/// the way in stops each frame, as a slow webcam does.
+/// the way in stops each frame, as a slow webcam does. Within a tenth of grey it rests.
 pub fn automatic_exposure_100us(exposure_100us: i32, mean_signal: f32) -> i32 {
+    if (mean_signal / 0.18 - 1.0).abs() < 0.1 {
+        return exposure_100us;
+    }
     let ratio = (0.18 / mean_signal.max(1e-4)).powf(1.0 / 3.0).clamp(0.5, 2.0);
     let next = (exposure_100us as f32 * ratio).round() as i32;
     next.max(1)
@@ -285,7 +288,7 @@ mod tests {
             let mean = model.signal([0.3; 3], Light::default(), settings)[1];
             settings.exposure_100us = automatic_exposure_100us(settings.exposure_100us, mean);
         }
-        assert!((settings.exposure_100us - 60).abs() <= 1, "{settings:?}");
+        assert!((settings.exposure_100us - 60).abs() <= 6, "{settings:?}");
     }
 
     proptest! {

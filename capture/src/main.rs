@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, devices, doctor, export, import, info, play, record};
+use commands::{CommandError, devices, doctor, export, import, info, play, record, status};
 
 /// Drives cameras, records them, and publishes their frames to `mirrorball-render`.
 #[derive(Debug, Parser)]
@@ -35,6 +35,8 @@ enum Command {
     Info(info::InfoArgs),
     /// Writes an MCAP recording as an image folder.
     Export(export::ExportArgs),
+    /// Says how the daemon and its cameras are doing.
+    Status(status::StatusArgs),
     /// Writes an image folder as an MCAP recording.
     Import(import::ImportArgs),
 }
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
         Command::Play(args) => stop_on_signals().and_then(|stop| play::play(args, &stop)),
         Command::Record(args) => stop_on_signals().and_then(|stop| record::record(args, &stop)),
         Command::Info(args) => info::info(args),
+        Command::Status(args) => status::status(args),
         Command::Export(args) => export::export(args),
         Command::Import(args) => import::import(args),
     };

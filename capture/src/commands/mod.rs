@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use mirrorball_capture::recording::FolderError;
 use mirrorball_capture::recording::mcap::RecordError;
+use mirrorball_capture::status::StatusError;
 use mirrorball_capture::{HandoverError, SourceError};
 
 pub(crate) mod devices;
@@ -15,6 +16,7 @@ pub(crate) mod import;
 pub(crate) mod info;
 pub(crate) mod play;
 pub(crate) mod record;
+pub(crate) mod status;
 
 /// Why a command has failed.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +29,10 @@ pub(crate) enum CommandError {
     Folder(#[from] FolderError),
     #[error(transparent)]
     Handover(#[from] HandoverError),
+    #[error(transparent)]
+    Status(#[from] StatusError),
+    #[error("cannot find out which user this is")]
+    Environment(#[source] io::Error),
     #[error("cannot read rig file `{}`", path.display())]
     ReadRig {
         path: PathBuf,
@@ -59,7 +65,11 @@ impl CommandError {
             Self::Record(error) => error.is_bad_input(),
             Self::Folder(error) => error.is_bad_input(),
             Self::Handover(error) => error.is_bad_input(),
-            Self::NothingReceived { .. } | Self::Print(_) | Self::Signals(_) => false,
+            Self::Status(_)
+            | Self::Environment(_)
+            | Self::NothingReceived { .. }
+            | Self::Print(_)
+            | Self::Signals(_) => false,
         }
     }
 
@@ -70,6 +80,8 @@ impl CommandError {
             Self::Record(error) => error.hint(),
             Self::Folder(error) => error.hint(),
             Self::Handover(error) => error.hint(),
+            Self::Status(error) => error.hint(),
+            Self::Environment(_) => "mount `/proc`, or give `--socket`",
             Self::ReadRig { .. } | Self::NoRig { .. } => "give the rig file with `--rig`",
             Self::NotInRig { .. } => "give the rig file of these cameras",
             Self::NothingReceived { .. } => "start the daemon, and give both programs the same `--service`",

@@ -47,24 +47,13 @@ pub(crate) enum CommandError {
         source: io::Error,
     },
     #[error("recording `{}` has no rig file", path.display())]
-    NoRig {
-        path: PathBuf,
-    },
+    NoRig { path: PathBuf },
     #[error("the rig file does not have camera `{camera}` of {width}×{height} px, which sends frames")]
-    NotInRig {
-        camera: String,
-        width: u32,
-        height: u32,
-    },
+    NotInRig { camera: String, width: u32, height: u32 },
     #[error("nothing was received on service `{service}`")]
-    NothingReceived {
-        service: String,
-    },
+    NothingReceived { service: String },
     #[error("recording `{}` has {n_bad} bad parts", path.display())]
-    Damaged {
-        path: PathBuf,
-        n_bad: u64,
-    },
+    Damaged { path: PathBuf, n_bad: u64 },
     #[error("cannot write to the standard output")]
     Print(#[source] io::Error),
     #[error("cannot install the handlers of SIGTERM and SIGINT")]

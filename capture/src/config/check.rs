@@ -398,7 +398,6 @@ fn check_record(document: &Document<'_>, record: RecordFile) -> Result<RecordCon
     Ok(RecordConfig {
         directory: beside(document, directory),
         max_queue_mb: document.whole("record.max_queue_mb", max_queue_mb, 16..=65_536)?,
-        start: record.start.unwrap_or_default(),
     })
 }
 

@@ -75,7 +75,6 @@ white_balance_gains = [2.0, 1.0, 1.5]
 [record]
 directory = "recordings"
 max_queue_mb = 1024
-start = "on"
 
 [log]
 format = "json"
@@ -146,10 +145,7 @@ fn every_key_is_read() {
     );
     let record = config.record.unwrap();
     assert_eq!(record.directory, Path::new("/etc/mirrorball/recordings"));
-    assert_eq!(
-        (record.max_queue_mb, record.start, config.log),
-        (1024, RecordStart::On, LogFormat::Json)
-    );
+    assert_eq!((record.max_queue_mb, config.log), (1024, LogFormat::Json));
 }
 
 #[test]

@@ -32,7 +32,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 
 pub use device::{Controls, Device, Mode, OpenCamera, V4l2Device};
 pub use report::{CameraReport, CameraStage, Report, Skew};
-pub use simulated::{SimulatedDevice, SimulatedMethod};
+pub use simulated::{SimulatedDevice, SimulatedFault, SimulatedMethod};
 
 use crate::handover::{HandoverError, Publisher};
 use crate::lockstep::LockstepSettings;
@@ -99,6 +99,28 @@ pub enum DaemonError {
         #[source]
         source: std::io::Error,
     },
+}
+
+impl DaemonError {
+    /// True if the user's input is to blame (exit code 2), false if the program has failed (exit code 1).
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Handover(error) => error.is_bad_input(),
+            Self::Lockstep(_) => true,
+            Self::StartThread { .. } => false,
+        }
+    }
+
+    /// One line on what to do about it.
+    #[must_use]
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::Handover(error) => error.hint(),
+            Self::Lockstep(error) => error.hint(),
+            Self::StartThread { .. } => "free memory or raise the limit on threads",
+        }
+    }
 }
 
 /// Cameras at work.

@@ -40,7 +40,7 @@ fn cameras(models: &[Model], seed: u64, knows_latency: bool) -> Vec<LockstepCame
 }
 
 fn rig(settings: LockstepSettings, models: &[Model], seed: u64, knows_latency: bool) -> Rig {
-    let lockstep = Lockstep::new(settings, cameras(models, seed, knows_latency)).unwrap();
+    let lockstep = Lockstep::new(settings, cameras(models, seed, knows_latency)).expect("good settings");
     Rig::new(lockstep, models, seed)
 }
 
@@ -109,7 +109,7 @@ fn exposure_log2(frame: &Taken) -> f64 {
 fn assert_truthful(taken: &[Taken], models: &[Model]) {
     for frame in taken.iter().filter(|frame| frame.said.is_certain) {
         let model = &models[frame.camera];
-        let truth = |kind| frame.truth.get(kind).unwrap();
+        let truth = |kind| frame.truth.get(kind).expect("every control has a value");
         let time_s = model.time_s(truth(ControlKind::ExposureTime));
         let gain = model.gain(truth(ControlKind::Gain));
         let off = (exposure_log2(frame) - (time_s * gain).log2()).abs();
@@ -122,29 +122,52 @@ fn assert_truthful(taken: &[Taken], models: &[Model]) {
     }
 }
 
-#[test]
-fn static_light_is_matched() {
+/// Mean exposure match of several set-ups under steady light, with tables that are off by `table_error`.
+fn static_matches(table_error: f64, n_seeds: u64) -> Vec<f64> {
     let models = [SCENE, PROBE];
     let mut means = Vec::new();
-    for seed in 0..12 {
+    for seed in 0..n_seeds {
         for level_ev in [-3.0, 0.0, 3.0] {
             let light = Light { level_ev, ..EVENING };
-            let mut rig = rig(settings(), &models, seed, true);
+            let mut random = Random(seed);
+            let cameras = models.map(|model| {
+                let tables = model.tables(table_error, &mut random);
+                model.camera(tables, Some(model.latency_frames))
+            });
+            let mut rig = Rig::new(
+                Lockstep::new(settings(), cameras.to_vec()).expect("good settings"),
+                &models,
+                seed,
+            );
             rig.run(4.0, |_| light);
-            let taken = rig.run(5.0, |_| light);
+            let taken = rig.run(4.5, |_| light);
             assert_truthful(&taken, &models);
             let offs: Vec<f64> = pairs(&taken).into_iter().map(|pair| match_ev(pair).0).collect();
             assert!(worst(&offs) <= 0.05, "seed {seed}, {level_ev} EV: {offs:?}");
             means.push(mean(&offs));
         }
     }
-    let rms = (means.iter().map(|off| off * off).sum::<f64>() / means.len() as f64).sqrt();
+    means
+}
+
+#[test]
+fn static_light_is_matched() {
+    let rms = |means: &[f64]| (means.iter().map(|off| off * off).sum::<f64>() / means.len() as f64).sqrt();
+    let exact = static_matches(0.0, 4);
     println!(
-        "exposure match, static light: rms {rms:.4} EV, worst of {} set-ups {:.4} EV",
-        means.len(),
-        worst(&means)
+        "exposure match, static light, tables exact: rms {:.4} EV, worst {:.4} EV",
+        rms(&exact),
+        worst(&exact)
     );
-    assert!(rms <= 0.02, "{means:?}");
+    assert!(worst(&exact) <= 0.02, "{exact:?}");
+    let usual = static_matches(TABLE_ERROR, 12);
+    println!(
+        "exposure match, static light, tables off by 0.3 %: rms {:.4} EV, worst {:.4} EV",
+        rms(&usual),
+        worst(&usual)
+    );
+    // Three tables of each of two cameras, each off by 0.3 %, are together off by 0.011 EV.
+    assert!(rms(&usual) <= 0.02, "{usual:?}");
 }
 
 /// What became of a step of light.
@@ -170,7 +193,7 @@ fn step_run(models: &[Model], step_ev: f64, seed: u64, faults: Faults) -> StepRu
     };
     rig.run(3.5, light);
     rig.faults = faults;
-    let taken = rig.run(7.0, light);
+    let taken = rig.run(6.0, light);
     assert_truthful(&taken, models);
     let after = |frame: &&Taken| frame.timestamp_ns as f64 * 1e-9 >= step_s;
     let both: Vec<(&Taken, &Taken)> = pairs(&taken).into_iter().filter(|pair| after(&pair.0)).collect();
@@ -226,7 +249,7 @@ fn steps_of_four_ev_are_followed() {
         ),
     ] {
         for step_ev in [4.0, -4.0] {
-            let runs: Vec<_> = (0..20).map(|seed| step_run(&models, step_ev, seed, faults)).collect();
+            let runs: Vec<_> = (0..10).map(|seed| step_run(&models, step_ev, seed, faults)).collect();
             let off = runs.iter().fold(0.0, |worst, run| f64::max(worst, run.match_ev));
             let settled = runs.iter().map(|run| run.settled_frames).max().unwrap();
             let usual = runs.iter().map(|run| run.settled_frames).sum::<usize>() as f64 / runs.len() as f64;
@@ -252,10 +275,10 @@ fn white_balance_is_matched() {
     for kelvin in [2700.0, 3200.0, 4000.0, 5000.0, 5600.0, 6500.0] {
         let light = Light { level_ev: 0.0, kelvin };
         let mut found = Vec::new();
-        for seed in 0..6 {
+        for seed in 0..4 {
             let mut rig = rig(settings(), &models, seed, true);
             rig.run(8.0, |_| light);
-            let taken = rig.run(8.3, |_| light);
+            let taken = rig.run(8.2, |_| light);
             let patch_of = rig.room.patch.clone();
             found.extend(pairs(&taken).into_iter().map(|pair| match_delta_e(pair, &patch_of)));
         }
@@ -408,10 +431,10 @@ fn latency_is_found() {
         while let Some(camera) = (0..2).find(|camera| known_s[*camera].is_nan()) {
             let Some(taken) = rig.step(light) else { continue };
             let at_s = taken.timestamp_ns as f64 * 1e-9;
-            for camera in 0..2 {
+            for (camera, known_s) in known_s.iter_mut().enumerate() {
                 let is_known = rig.lockstep.camera(camera).unwrap().latency.source == LatencySource::Measured;
-                if is_known && known_s[camera].is_nan() {
-                    known_s[camera] = at_s;
+                if is_known && known_s.is_nan() {
+                    *known_s = at_s;
                 }
             }
             if at_s > 15.0 {

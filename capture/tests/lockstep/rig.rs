@@ -91,7 +91,7 @@ impl Rig {
     /// in seconds.
     pub(crate) fn step(&mut self, light: impl Fn(f64) -> Light) -> Option<Taken> {
         let next = |index: &usize| self.cameras[*index].taken_ns();
-        let index = (0..self.cameras.len()).min_by_key(next).unwrap();
+        let index = (0..self.cameras.len()).min_by_key(next).expect("there is a camera");
         let timestamp_ns = self.cameras[index].taken_ns();
         let chance = self.random.even();
         let lost_in_sensor = chance < self.faults.lost_in_sensor;
@@ -121,8 +121,14 @@ impl Rig {
             width: WIDTH as u32,
             height: HEIGHT as u32,
         };
-        let said = self.lockstep.on_frame(index, camera.sequence, timestamp_ns).unwrap();
-        let statistics = camera.meter.measure(size, PixelFormat::Rgb8, &pixels).unwrap();
+        let said = self
+            .lockstep
+            .on_frame(index, camera.sequence, timestamp_ns)
+            .expect("the camera is there");
+        let statistics = camera
+            .meter
+            .measure(size, PixelFormat::Rgb8, &pixels)
+            .expect("a picture");
         self.lockstep.on_statistics(index, camera.sequence, &statistics);
         if let Some(request) = self.lockstep.request(index) {
             let chance = self.random.even();

@@ -239,7 +239,7 @@ impl Model {
                 temperatures: sensitivities.to_vec(),
             }),
         };
-        Tables::new(&config).unwrap()
+        Tables::new(&config).expect("tables that rise")
     }
 
     pub(crate) fn start(&self) -> ControlValues {
@@ -265,7 +265,7 @@ impl Model {
 
     /// The picture of the room with these values, in sRGB codes.
     pub(crate) fn picture(&self, room: &Room, light: Light, values: &ControlValues, random: &mut Random) -> Vec<u8> {
-        let get = |kind| values.get(kind).unwrap();
+        let get = |kind| values.get(kind).expect("every control has a value");
         let scalar = self.time_s(get(ControlKind::ExposureTime)) * self.gain(get(ControlKind::Gain));
         let white_balance = self.white_balance(get(ControlKind::WhiteBalanceTemperature) as f64);
         let signals = room.radiance(light).map(|rgb| {

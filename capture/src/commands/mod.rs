@@ -76,6 +76,7 @@ impl CommandError {
             Self::Daemon(error) => error.is_bad_input(),
             Self::Status(_)
             | Self::Environment(_)
+            | Self::Notify(_)
             | Self::NothingReceived { .. }
             | Self::Print(_)
             | Self::Signals(_) => false,
@@ -92,6 +93,7 @@ impl CommandError {
             Self::Folder(error) => error.hint(),
             Self::Handover(error) => error.hint(),
             Self::Status(error) => error.hint(),
+            Self::Notify(_) => "let the service manager set it, or unset it",
             Self::Environment(_) => "mount `/proc`, or give `--socket`",
             Self::ReadRig { .. } | Self::NoRig { .. } => "give the rig file with `--rig`",
             Self::NotInRig { .. } => "give the rig file of these cameras",

@@ -1,5 +1,6 @@
 //! `run`: the daemon itself, on the cameras of a configuration file.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;

@@ -10,7 +10,6 @@
 # usage: scripts/driver-vm.sh [OPTION]... PROGRAM [ARGUMENT]...
 #        scripts/driver-vm.sh --prepare
 #   --prepare        fetch the kernel and build the initramfs only
-#   --check          say what is missing to do so, if anything; do nothing
 #   --timeout S      kill the virtual machine after S seconds (default 170)
 #   --results DIR    a folder to write to (default target/driver-vm/results); afterwards also dmesg.log
 #   --env NAME=VALUE an environment variable for the program; MIRRORBALL_RESULTS and RUST_LOG are handed on anyway
@@ -26,7 +25,7 @@ cache="${CARGO_TARGET_DIR:-$here/target}/driver-vm"
 modules=(virtio_pci 9pnet_virtio 9p uvcvideo vhci-hcd vivid)
 
 usage() {
-    sed -n '/^# usage:/,/^# exit status/s/^# \{0,1\}//p' "$0"
+    sed -n '/^# usage:/,/^# exit status/s/^# \{0,1\}//p' "$0" >&2
     exit 2
 }
 
@@ -50,34 +49,42 @@ check_tools() {
 
 # Prints the name of the versioned package behind linux-image-amd64; the cloud kernel has no camera drivers.
 kernel_package() {
-    apt-cache "${apt_options[@]}" depends linux-image-amd64 2>/dev/null |
-        sed -n 's/^ *Depends: \(linux-image-[0-9].*-amd64\)$/\1/p' | head -n 1
+    { apt-cache "${apt_options[@]}" depends linux-image-amd64 2>/dev/null || true; } |
+        sed -n '0,/^ *Depends: \(linux-image-[0-9].*-amd64\)$/s//\1/p' | tail -n 1
 }
 
-# Sets `package`. Where the system has no package lists (a container, say) fetches lists of our own.
-resolve_package() {
-    apt_options=()
-    package=$(kernel_package)
-    [ -z "$package" ] || return 0
+# Turns to package lists of our own: the system's are missing (in a container, say) or older than the archive.
+use_own_lists() {
     mkdir -p "$cache/apt/lists/partial" "$cache/apt/archives/partial"
     apt_options=(-o "Dir::State::Lists=$cache/apt/lists" -o "Dir::Cache=$cache/apt")
-    apt-get "${apt_options[@]}" update >/dev/null || true
     package=$(kernel_package)
-    [ -n "$package" ] && return 0
-    # No lists and no network: a kernel fetched earlier will do.
-    package=$(cd "$cache" && for f in linux-image-*; do [ -f "$f/complete" ] && echo "$f"; done | tail -n 1)
-    [ -n "$package" ] || cannot "there is no package \`linux-image-amd64\` to take the kernel from" \
-        "this needs Debian's package lists: apt-get update"
 }
 
+# Downloads `package` if it is not there.
 fetch_kernel() {
+    [ -n "$package" ] || return 1
+    kernel="$cache/$package"
     mkdir -p "$kernel"
-    if ! compgen -G "$kernel/*.deb" >/dev/null; then
-        echo "fetching $package (70 MB)" >&2
-        # apt drops its privileges and warns where its own user may not write.
-        (cd "$kernel" && apt-get "${apt_options[@]}" -q -o APT::Sandbox::User=root download "$package" >&2) ||
-            cannot "cannot download the Debian package \`$package\`" "see whether the network is there; apt-get update"
-    fi
+    compgen -G "$kernel/*.deb" >/dev/null && return
+    echo "fetching $package (70 MB)" >&2
+    # apt drops its privileges and warns where its own user may not write.
+    (cd "$kernel" && apt-get "${apt_options[@]}" -q -o APT::Sandbox::User=root download "$package" >&2)
+}
+
+# Sets `package` and `kernel`, and fetches the kernel: the system's lists first, fresh ones if these are of no use, and
+# without network any kernel fetched earlier.
+find_kernel() {
+    apt_options=()
+    package=$(kernel_package)
+    fetch_kernel && return
+    use_own_lists
+    fetch_kernel && return
+    apt-get "${apt_options[@]}" update >/dev/null || true
+    package=$(kernel_package)
+    fetch_kernel && return
+    package=$(cd "$cache" && for deb in linux-image-*/*.deb; do [ -f "$deb" ] && dirname "$deb"; done | tail -n 1)
+    fetch_kernel || cannot "cannot download Debian's package \`linux-image-amd64\` to take the kernel from" \
+        "this needs Debian and its package archive; see what apt-get says above"
 }
 
 # Takes the kernel out of its bzImage: QEMU starts the plain ELF file at half the processor time.
@@ -115,7 +122,6 @@ pick_modules() {
 build() {
     local unpacked="$kernel/unpacked" root="$kernel/initramfs" version=${package#linux-image-} busybox
     PATH="$PATH:/usr/sbin:/sbin"
-    fetch_kernel
     echo "unpacking $package" >&2
     rm -rf "$unpacked" "$root" "$kernel/complete"
     mkdir -p "$unpacked" "$root"/{dev,proc,sys,host,bin}
@@ -135,11 +141,10 @@ build() {
 
 # Fetches and builds what is missing or older than these scripts; one process at a time.
 prepare() {
-    resolve_package
-    kernel="$cache/$package"
     mkdir -p "$cache"
     exec 9>"$cache/lock"
     flock 9
+    find_kernel
     if [ ! "$kernel/complete" -nt "$0" ] || [ ! "$kernel/complete" -nt "$init" ]; then
         build
     fi
@@ -184,7 +189,6 @@ mode=run timeout_s=170 cpus=1 results="$cache/results" environment=()
 while [ $# -gt 0 ]; do
     case $1 in
         --prepare) mode=prepare ;;
-        --check) mode=check ;;
         --timeout | --results | --env | --cpus)
             [ $# -gt 1 ] || usage
             case $1 in
@@ -202,12 +206,14 @@ while [ $# -gt 0 ]; do
 done
 
 check_tools
-[ $mode != check ] || exit 0
 [ $mode = prepare ] || [ $# -gt 0 ] || usage
 prepare
 [ $mode != prepare ] || exit 0
 
-program=$(command -v "$1") || cannot "there is no program \`$1\`"
+if ! program=$(command -v "$1"); then
+    echo "error: there is no program \`$1\`" >&2
+    exit 2
+fi
 program=$(realpath "$program")
 shift
 mkdir -p "$results"

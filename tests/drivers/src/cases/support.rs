@@ -177,7 +177,7 @@ pub(super) fn set_nodrop(nodrop: bool) -> Result<(), String> {
     fs::write("/sys/module/uvcvideo/parameters/nodrop", value).map_err(say)
 }
 
-/// The first picture of a recording as RGB, to play as a scene.
+/// A picture as from a recording, to play as a scene: red rises to the right, green downwards.
 pub(super) fn test_picture() -> RgbImage {
     RgbImage::from_fn(320, 240, |x, y| {
         image::Rgb([(x * 255 / 319) as u8, (y * 255 / 239) as u8, 90])

@@ -9,9 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
+use mirrorball_capture::config::{CaptureConfig, LogFormat};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, devices, doctor, export, import, info, play, record};
+use commands::{CommandError, devices, doctor, export, import, info, play, record, run};
 
 /// Drives cameras, records them, and publishes their frames to `mirrorball-render`.
 #[derive(Debug, Parser)]
@@ -23,6 +24,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Drives the cameras of a configuration file and publishes their frames.
+    Run(run::RunArgs),
     /// Plays a recording as if it were cameras.
     Play(play::PlayArgs),
     /// Lists cameras with their formats and controls.
@@ -44,8 +47,11 @@ const EXIT_BAD_INPUT: u8 = 2;
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    start_log();
+    if !matches!(cli.command, Command::Run(_)) {
+        start_log(LogFormat::Text);
+    }
     let result = match &cli.command {
+        Command::Run(args) => run(args),
         Command::Devices(args) => return commands::finish(devices::run(args)),
         Command::Doctor(args) => return commands::finish(doctor::run(args)),
         Command::Play(args) => stop_on_signals().and_then(|stop| play::play(args, &stop)),
@@ -67,13 +73,27 @@ fn main() -> ExitCode {
     }
 }
 
-fn start_log() {
+/// The daemon: its configuration says how it logs.
+fn run(args: &run::RunArgs) -> Result<(), CommandError> {
+    let config = CaptureConfig::load(&args.config)?;
+    if args.check_config {
+        return commands::print(&config.describe());
+    }
+    start_log(config.log);
+    let stop = stop_on_signals()?;
+    run::run(&config, &args.config, &stop)
+}
+
+fn start_log(format: LogFormat) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
     let is_terminal = std::io::stderr().is_terminal();
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
-    log.with_ansi(is_terminal).with_target(false).init();
+    match format {
+        LogFormat::Text => log.with_ansi(is_terminal).with_target(false).init(),
+        LogFormat::Json => log.json().init(),
+    }
 }
 
 /// A flag that SIGTERM and SIGINT raise. The flag guards no other data, so relaxed loads see it soon enough.

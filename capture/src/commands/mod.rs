@@ -1,9 +1,11 @@
 //! The program's commands: each a file, with its options and what it does.
 
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use mirrorball_capture::config::ConfigError;
+use mirrorball_capture::daemon::DaemonError;
 use mirrorball_capture::recording::FolderError;
 use mirrorball_capture::recording::mcap::RecordError;
 use mirrorball_capture::{HandoverError, SourceError};
@@ -15,6 +17,7 @@ pub(crate) mod import;
 pub(crate) mod info;
 pub(crate) mod play;
 pub(crate) mod record;
+pub(crate) mod run;
 
 /// Why a command has failed.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +30,10 @@ pub(crate) enum CommandError {
     Folder(#[from] FolderError),
     #[error(transparent)]
     Handover(#[from] HandoverError),
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Daemon(#[from] DaemonError),
     #[error("cannot read rig file `{}`", path.display())]
     ReadRig {
         path: PathBuf,
@@ -51,7 +58,8 @@ impl CommandError {
     /// True if the user's input is to blame (exit code 2), false if the program has failed (exit code 1).
     pub(crate) fn is_bad_input(&self) -> bool {
         match self {
-            Self::Source(_)
+            Self::Config(_)
+            | Self::Source(_)
             | Self::ReadRig { .. }
             | Self::NoRig { .. }
             | Self::NotInRig { .. }
@@ -59,13 +67,16 @@ impl CommandError {
             Self::Record(error) => error.is_bad_input(),
             Self::Folder(error) => error.is_bad_input(),
             Self::Handover(error) => error.is_bad_input(),
+            Self::Daemon(error) => error.is_bad_input(),
             Self::NothingReceived { .. } | Self::Print(_) | Self::Signals(_) => false,
         }
     }
 
     /// One line on what to do about it.
-    pub(crate) fn hint(&self) -> &'static str {
-        match self {
+    pub(crate) fn hint(&self) -> String {
+        let hint = match self {
+            Self::Config(error) => return error.hint(),
+            Self::Daemon(error) => error.hint(),
             Self::Source(error) => error.hint(),
             Self::Record(error) => error.hint(),
             Self::Folder(error) => error.hint(),
@@ -76,7 +87,8 @@ impl CommandError {
             Self::Damaged { .. } => "all else in it can be played; restore the file from a copy",
             Self::Print(_) => "look where the output goes",
             Self::Signals(_) => "run it where processes may handle signals",
-        }
+        };
+        hint.to_owned()
     }
 }
 
@@ -98,4 +110,9 @@ pub(crate) fn finish(result: io::Result<ExitCode>) -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Writes text to the standard output.
+pub(crate) fn print(text: &str) -> Result<(), CommandError> {
+    io::stdout().write_all(text.as_bytes()).map_err(CommandError::Print)
 }

@@ -8,10 +8,8 @@ use mirrorball_capture::config::{CameraConfig, CaptureConfig, RecordConfig};
 use mirrorball_capture::daemon::{CameraSetup, Daemon, DaemonSettings, Report, V4l2Device};
 use mirrorball_capture::handover;
 use mirrorball_capture::lockstep::Mains;
-use mirrorball_capture::notify::Notifier;
 use mirrorball_capture::recording::mcap::{Recorder, RecorderOptions};
 use mirrorball_capture::stamps::StampSettings;
-use mirrorball_capture::status::StatusServer;
 use mirrorball_capture::v4l2::{PowerLine, StreamSettings, Wish};
 use mirrorball_capture::{CameraDescription, PixelFormat};
 
@@ -47,21 +45,9 @@ pub(crate) fn run(config: &CaptureConfig, config_path: &Path, stop: &AtomicBool)
         lockstep: config.lockstep.clone(),
         max_skew: config.service.max_skew,
     };
-    let status = StatusServer::start(config.service.status_socket.as_deref())?;
-    let notifier = Notifier::from_environment();
     let mut daemon = Daemon::start(cameras, settings, publisher, recorder)?;
-    notifier.ready();
-    tracing::info!(
-        "publishing on service `{}`; `mirrorball-capture status --socket {}` tells how it is",
-        config.service.name,
-        status.path().display()
-    );
-    let result = daemon.run(stop, &mut |report| {
-        notifier.alive();
-        notifier.status(&in_one_line(report));
-        status.publish(report);
-    });
-    notifier.stopping();
+    tracing::info!("publishing on service `{}`", config.service.name);
+    let result = daemon.run(stop, &mut |report| tracing::debug!("{}", in_one_line(report)));
     let (report, recorder) = daemon.finish()?;
     tracing::info!("{}", in_one_line(&report));
     if let Some(recorder) = recorder {

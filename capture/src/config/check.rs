@@ -6,10 +6,10 @@ use std::time::Duration;
 use super::document::Document;
 use super::error::ConfigError;
 use super::file::{
-    AutoExposureFile, CameraFile, ConfigFile, LockstepFile, ManualFile, ModeFile, RecordFile, ResponseFile, RoleFile,
-    ServiceFile, StampsFile,
+    AutoExposureFile, CameraFile, ConfigFile, FormatFile, LockstepFile, ManualFile, MethodFile, ModeFile, RecordFile,
+    ResponseFile, RoleFile, ServiceFile, StampsFile,
 };
-use super::{CameraConfig, CameraPlace, CaptureConfig, FormatKind, Method, RecordConfig, ServiceConfig};
+use super::{CameraConfig, CaptureConfig, RecordConfig, ServiceConfig};
 use crate::frame::Size;
 use crate::grouping::DEFAULT_MAX_SKEW;
 use crate::handover::DEFAULT_SERVICE;
@@ -19,6 +19,7 @@ use crate::lockstep::{BRACKET_STEPS_MAX, LockstepSettings, Mains, ManualWhiteBal
 use crate::meter::Response;
 use crate::source::{CameraRole, NAME_MAX_BYTES, SIDE_MAX_PX};
 use crate::stamps::StampPolicy;
+use crate::v4l2::{CameraAddress, FormatKind, Method};
 
 /// Version of this format.
 const VERSION: i64 = 1;
@@ -49,8 +50,8 @@ pub(super) fn check(document: &Document<'_>, file: ConfigFile) -> Result<Capture
         }
         if cameras.iter().any(|other| may_be_one(&other.address, &camera.address)) {
             let key = match camera.address {
-                CameraPlace::Device(_) => format!("camera[{index}].device"),
-                CameraPlace::Card { .. } => format!("camera[{index}].card"),
+                CameraAddress::Path(_) => format!("camera[{index}].device"),
+                CameraAddress::Card { .. } => format!("camera[{index}].card"),
             };
             let allowed = "another camera than the first; two of one name each need a `usb_path`";
             return Err(document.refuse(&key, "the first camera's", allowed));
@@ -68,21 +69,14 @@ pub(super) fn check(document: &Document<'_>, file: ConfigFile) -> Result<Capture
 }
 
 /// True if one camera may answer to both addresses.
-fn may_be_one(a: &CameraPlace, b: &CameraPlace) -> bool {
+fn may_be_one(a: &CameraAddress, b: &CameraAddress) -> bool {
     match (a, b) {
-        (CameraPlace::Device(a), CameraPlace::Device(b)) => a == b,
-        (
-            CameraPlace::Card {
-                card: a,
-                usb_path: at_a,
-            },
-            CameraPlace::Card {
-                card: b,
-                usb_path: at_b,
-            },
-        ) => a == b && (at_a == at_b || at_a.is_none() || at_b.is_none()),
+        (CameraAddress::Path(a), CameraAddress::Path(b)) => a == b,
+        (CameraAddress::Card { name: a, bus: at_a }, CameraAddress::Card { name: b, bus: at_b }) => {
+            a == b && (at_a == at_b || at_a.is_none() || at_b.is_none())
+        }
         // A node does not tell its name; the daemon finds out when it opens the second one.
-        (CameraPlace::Device(_), CameraPlace::Card { .. }) | (CameraPlace::Card { .. }, CameraPlace::Device(_)) => {
+        (CameraAddress::Path(_), CameraAddress::Card { .. }) | (CameraAddress::Card { .. }, CameraAddress::Path(_)) => {
             false
         }
     }
@@ -136,7 +130,11 @@ fn check_camera(document: &Document<'_>, index: usize, file: CameraFile) -> Resu
         size,
         rate_hz: document.number(&key("rate_hz"), file.rate_hz.unwrap_or(30.0), 1.0..=1000.0)?,
         formats: check_formats(document, &key("formats"), file.formats)?,
-        method: file.method.unwrap_or(Method::Auto),
+        method: match file.method.unwrap_or(MethodFile::Auto) {
+            MethodFile::Auto => Method::Auto,
+            MethodFile::Mmap => Method::Mmap,
+            MethodFile::UserPtr => Method::UserPtr,
+        },
         n_buffers: document.whole(&key("buffers"), file.buffers.unwrap_or(6), 3..=32)?,
         stamps: match file.stamps.unwrap_or(StampsFile::Auto) {
             StampsFile::Auto => StampPolicy::Auto,
@@ -151,16 +149,16 @@ fn check_camera(document: &Document<'_>, index: usize, file: CameraFile) -> Resu
     })
 }
 
-fn check_place(document: &Document<'_>, index: usize, file: &CameraFile) -> Result<CameraPlace, ConfigError> {
+fn check_place(document: &Document<'_>, index: usize, file: &CameraFile) -> Result<CameraAddress, ConfigError> {
     let key = |name: &str| format!("camera[{index}].{name}");
     match (&file.device, &file.card, &file.usb_path) {
-        (Some(device), None, None) if device.is_absolute() => Ok(CameraPlace::Device(device.clone())),
+        (Some(device), None, None) if device.is_absolute() => Ok(CameraAddress::Path(device.clone())),
         (Some(device), None, None) => {
             Err(document.refuse(&key("device"), device.display(), "a path such as `/dev/video0`"))
         }
-        (None, Some(card), usb_path) if !card.trim().is_empty() => Ok(CameraPlace::Card {
-            card: card.trim().to_owned(),
-            usb_path: usb_path.clone(),
+        (None, Some(card), usb_path) if !card.trim().is_empty() => Ok(CameraAddress::Card {
+            name: card.trim().to_owned(),
+            bus: usb_path.clone(),
         }),
         (None, Some(card), _) => Err(document.refuse(&key("card"), card, "the camera's name, not empty")),
         (Some(device), ..) => Err(document.refuse(
@@ -179,9 +177,18 @@ fn check_place(document: &Document<'_>, index: usize, file: &CameraFile) -> Resu
 fn check_formats(
     document: &Document<'_>,
     key: &str,
-    formats: Option<Vec<FormatKind>>,
+    formats: Option<Vec<FormatFile>>,
 ) -> Result<Vec<FormatKind>, ConfigError> {
-    let formats = formats.unwrap_or_else(|| FORMATS.to_vec());
+    let Some(formats) = formats else {
+        return Ok(FORMATS.to_vec());
+    };
+    let kind = |format: FormatFile| match format {
+        FormatFile::Yuyv => FormatKind::Yuyv,
+        FormatFile::Nv12 => FormatKind::Nv12,
+        FormatFile::Mjpeg => FormatKind::Mjpeg,
+        FormatFile::Grey => FormatKind::Grey,
+    };
+    let formats: Vec<FormatKind> = formats.into_iter().map(kind).collect();
     let is_repeated = |index: usize| formats[..index].contains(&formats[index]);
     if formats.is_empty() || (1..formats.len()).any(is_repeated) {
         let found = format!("{} formats", formats.len());
@@ -211,6 +218,7 @@ fn check_tables(document: &Document<'_>, index: usize, file: &CameraFile) -> Res
         gain_table: file.gain_table.clone(),
         white_balance_table: file.white_balance_table.clone(),
         sensitivity: file.sensitivity,
+        sensitivity_table: file.sensitivity_table.clone(),
     };
     Tables::new(&tables).map_err(|source| ConfigError::Table {
         path: document.path().to_owned(),
@@ -226,7 +234,7 @@ fn table_key(error: &TableError) -> &'static str {
         TableError::Points { table, .. } | TableError::Value { table, .. } | TableError::NotRising { table, .. } => {
             table
         }
-        TableError::WhiteBalanceKinds { .. } => "white_balance_table",
+        TableError::Kinds { table, .. } => table,
     }
 }
 

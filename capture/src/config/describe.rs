@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::{CameraConfig, CameraPlace, CaptureConfig, FormatKind, Method, RecordStart};
+use super::{CameraConfig, CaptureConfig, RecordStart};
 use crate::lockstep::{Mains, ManualWhiteBalance, Mode};
 use crate::source::CameraRole;
 use crate::stamps::StampPolicy;
+use crate::v4l2::Method;
 
 pub(super) fn describe(config: &CaptureConfig) -> String {
     let service = &config.service;
@@ -52,15 +53,7 @@ fn describe_camera(camera: &CameraConfig) -> String {
         CameraRole::Ball => "ball",
         CameraRole::Fisheye => "fisheye",
     };
-    let place = match &camera.address {
-        CameraPlace::Device(path) => path.display().to_string(),
-        CameraPlace::Card { card, usb_path: None } => card.clone(),
-        CameraPlace::Card {
-            card,
-            usb_path: Some(usb_path),
-        } => format!("{card} at {usb_path}"),
-    };
-    let formats: Vec<&str> = camera.formats.iter().copied().map(format_name).collect();
+    let formats: Vec<String> = camera.formats.iter().map(ToString::to_string).collect();
     let method = match camera.method {
         Method::Auto => "without a copy if it can",
         Method::Mmap => "copied",
@@ -72,8 +65,9 @@ fn describe_camera(camera: &CameraConfig) -> String {
         StampPolicy::Mapped => "mapped",
     };
     let mut text = format!(
-        "camera     `{}` ({role}) is `{place}`: {}x{} at {} frames/s, {}, {} buffers, {method}, stamps {stamps}",
+        "camera     `{}` ({role}) is `{}`: {}x{} at {} frames/s, {}, {} buffers, {method}, stamps {stamps}",
         camera.name,
+        camera.address,
         camera.size.width,
         camera.size.height,
         camera.rate_hz,
@@ -88,15 +82,6 @@ fn describe_camera(camera: &CameraConfig) -> String {
         None => text.push_str(", latency of controls measured"),
     }
     text
-}
-
-fn format_name(format: FormatKind) -> &'static str {
-    match format {
-        FormatKind::Yuyv => "YUYV",
-        FormatKind::Nv12 => "NV12",
-        FormatKind::Mjpeg => "MJPEG",
-        FormatKind::Grey => "GREY",
-    }
 }
 
 fn describe_lockstep(config: &CaptureConfig) -> String {

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use super::{FormatKind, LogFormat, Method, RecordStart};
-use crate::lockstep::tables::{ExposureTableConfig, GainTableConfig, WhiteBalanceTableConfig};
+use super::{LogFormat, RecordStart};
+use crate::lockstep::tables::{ExposureTableConfig, GainTableConfig, SensitivityTableConfig, WhiteBalanceTableConfig};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,13 +41,14 @@ pub(super) struct CameraFile {
     pub(super) usb_path: Option<String>,
     pub(super) size_px: [i64; 2],
     pub(super) rate_hz: Option<f64>,
-    pub(super) formats: Option<Vec<FormatKind>>,
-    pub(super) method: Option<Method>,
+    pub(super) formats: Option<Vec<FormatFile>>,
+    pub(super) method: Option<MethodFile>,
     pub(super) buffers: Option<i64>,
     pub(super) stamps: Option<StampsFile>,
     pub(super) stamp_offset_s: Option<f64>,
     pub(super) response: Option<ResponseFile>,
     pub(super) sensitivity: Option<[f64; 3]>,
+    pub(super) sensitivity_table: Option<SensitivityTableConfig>,
     pub(super) latency_frames: Option<i64>,
     pub(super) exposure_table: Option<ExposureTableConfig>,
     pub(super) gain_table: Option<GainTableConfig>,
@@ -60,6 +61,23 @@ pub(super) enum RoleFile {
     Scene,
     Ball,
     Fisheye,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FormatFile {
+    Yuyv,
+    Nv12,
+    Mjpeg,
+    Grey,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum MethodFile {
+    Auto,
+    Mmap,
+    UserPtr,
 }
 
 #[derive(Clone, Copy, Deserialize)]

@@ -25,6 +25,7 @@ use crate::lockstep::tables::Tables;
 use crate::meter::Response;
 use crate::source::CameraRole;
 use crate::stamps::StampPolicy;
+use crate::v4l2::{CameraAddress, FormatKind, Method};
 
 /// Longest configuration file in bytes: tables of a few thousand points have room in it.
 const FILE_MAX_BYTES: u64 = 1 << 20;
@@ -65,7 +66,7 @@ pub struct CameraConfig {
     /// What it is for.
     pub role: CameraRole,
     /// How it is found.
-    pub address: CameraPlace,
+    pub address: CameraAddress,
     /// Size of its pictures, each side 1 to 16384 px.
     pub size: Size,
     /// Frames per second wanted, 1 to 1000.
@@ -86,47 +87,6 @@ pub struct CameraConfig {
     pub tables: Tables,
     /// Frames until a control shows, 0 to 8; None to measure it.
     pub latency_frames: Option<u32>,
-}
-
-/// How a camera is found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum CameraPlace {
-    /// By its device node, an absolute path; its number may change when the camera is plugged in again.
-    Device(PathBuf),
-    /// By its name, whatever node it has.
-    Card {
-        /// The camera's own name.
-        card: String,
-        /// Controller and port, `usb-0000:00:14.0-1`, where there are several of that name.
-        usb_path: Option<String>,
-    },
-}
-
-/// Layout of pictures, as asked of a camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FormatKind {
-    /// Two bytes per pixel, colour at half the width.
-    Yuyv,
-    /// One and a half bytes per pixel, colour at half the width and height.
-    Nv12,
-    /// JPEG pictures.
-    Mjpeg,
-    /// One byte per pixel, no colour.
-    Grey,
-}
-
-/// How pictures get from the driver into our memory.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Without a copy if the driver can, else with one.
-    #[default]
-    Auto,
-    /// Copied out of the driver's memory.
-    Mmap,
-    /// Written by the driver into shared memory.
-    UserPtr,
 }
 
 /// How the daemon records.

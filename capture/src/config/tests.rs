@@ -135,7 +135,7 @@ fn every_key_is_read() {
     );
     assert!((scene.tables.exposure.time_s(1) - 0.00011).abs() < 1e-12);
     assert!(scene.tables.gain.is_some());
-    assert_eq!(ball.address, CameraPlace::Device("/dev/video2".into()));
+    assert_eq!(ball.address, CameraAddress::Path("/dev/video2".into()));
     let expected = Mode::Bracket {
         camera: 1,
         n_steps: 5,
@@ -374,7 +374,7 @@ fn the_description_names_what_matters() {
     for expected in [
         "`lab/frames`",
         "`scene` (scene)",
-        "HD Webcam at usb-0000:00:14.0-1",
+        "HD Webcam@usb-0000:00:14.0-1",
         "MJPEG or YUYV",
         "brackets 5",
     ] {

@@ -101,6 +101,28 @@ pub enum DaemonError {
     },
 }
 
+impl DaemonError {
+    /// True if the user's input is to blame (exit code 2), false if the program has failed (exit code 1).
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Handover(error) => error.is_bad_input(),
+            Self::Lockstep(_) => true,
+            Self::StartThread { .. } => false,
+        }
+    }
+
+    /// One line on what to do about it.
+    #[must_use]
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::Handover(error) => error.hint(),
+            Self::Lockstep(error) => error.hint(),
+            Self::StartThread { .. } => "free memory or raise the limit on threads",
+        }
+    }
+}
+
 /// Cameras at work.
 pub struct Daemon {
     hub: Hub,

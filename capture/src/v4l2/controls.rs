@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use v4l::v4l_sys as sys;
 
+use super::control_list::{ControlDescription, has_number, list};
 use super::error::ControlError;
 use super::ioctl::{Node, RawControl};
 use crate::controls::{ControlKind, ControlRange, ControlRanges, ControlValues, PerControl};
@@ -343,21 +344,7 @@ impl V4l2Controls {
     ///
     /// The camera is gone.
     pub fn list(&self) -> Result<Vec<ControlDescription>, ControlError> {
-        let mut all = Vec::new();
-        let next = sys::V4L2_CTRL_FLAG_NEXT_CTRL | sys::V4L2_CTRL_FLAG_NEXT_COMPOUND;
-        let mut id = 0;
-        loop {
-            let found = self.node.control(id | next);
-            let found = found.map_err(|error| ControlError::from_access(self.path(), &"controls", error))?;
-            // A driver that does not go on would keep us here for ever.
-            let Some(control) = found.filter(|control| control.id > id) else {
-                return Ok(all);
-            };
-            id = control.id;
-            if control.kind != sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_CTRL_CLASS {
-                all.push(describe(&self.node, &control));
-            }
-        }
+        list(&self.node).map_err(|error| ControlError::from_access(self.path(), &"controls", error))
     }
 
     /// Asks for an event when somebody else changes one of our controls; says which there are.
@@ -384,114 +371,9 @@ impl V4l2Controls {
     }
 }
 
-/// A control as the driver describes it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ControlDescription {
-    /// The kernel's number.
-    pub id: u32,
-    /// The driver's name for it.
-    pub name: String,
-    /// What kind of value it holds, in words; unknown kinds have their number.
-    pub kind: String,
-    /// Least value.
-    pub minimum: i64,
-    /// Greatest value.
-    pub maximum: i64,
-    /// Distance between values.
-    pub step: u64,
-    /// Value after power-on.
-    pub default: i64,
-    /// Value now; none if it is no number or cannot be read.
-    pub value: Option<i64>,
-    /// Unit of the values, empty if the kernel defines none.
-    pub unit: &'static str,
-    /// Choices of a menu: value and name.
-    pub menu: Vec<(i64, String)>,
-    /// What restricts it: `read-only`, `inactive` (an automatic mode steers it), ...
-    pub restrictions: Vec<&'static str>,
-}
-
-/// Most choices of a menu that are listed. A driver could claim billions.
-const MENU_MAX: i64 = 256;
-
-fn describe(node: &Node, control: &RawControl) -> ControlDescription {
-    let is_menu = matches!(
-        control.kind,
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_MENU | sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_INTEGER_MENU
-    );
-    let is_readable =
-        !control.is_compound && control.flags & sys::V4L2_CTRL_FLAG_WRITE_ONLY == 0 && has_number(control);
-    let last = control.maximum.min(control.minimum.saturating_add(MENU_MAX));
-    let indices = if is_menu { control.minimum..=last } else { 1..=0 };
-    let item = |index: i64| Some((index, node.menu_item(control, u32::try_from(index).ok()?)?));
-    ControlDescription {
-        id: control.id,
-        name: control.name.clone(),
-        kind: kind_name(control),
-        minimum: control.minimum,
-        maximum: control.maximum,
-        step: control.step,
-        default: control.default,
-        value: is_readable.then(|| node.value(control).ok()).flatten(),
-        unit: unit(control.id),
-        menu: indices.filter_map(item).collect(),
-        restrictions: restrictions(control.flags),
-    }
-}
-
-fn has_number(control: &RawControl) -> bool {
-    !matches!(
-        control.kind,
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_BUTTON
-            | sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_STRING
-            | sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_CTRL_CLASS
-    )
-}
-
-fn kind_name(control: &RawControl) -> String {
-    match control.kind {
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_INTEGER => "integer".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_BOOLEAN => "boolean".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_MENU => "menu".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_BUTTON => "button".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_INTEGER64 => "wide integer".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_STRING => "text".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_BITMASK => "bits".into(),
-        sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_INTEGER_MENU => "menu of integers".into(),
-        other => format!("type {other:#x}"),
-    }
-}
-
-/// Units that the kernel's documentation gives.
-fn unit(id: u32) -> &'static str {
-    match id {
-        sys::V4L2_CID_EXPOSURE_ABSOLUTE => "100 µs",
-        sys::V4L2_CID_WHITE_BALANCE_TEMPERATURE => "K",
-        sys::V4L2_CID_PAN_ABSOLUTE | sys::V4L2_CID_TILT_ABSOLUTE => "arc seconds",
-        sys::V4L2_CID_AUTO_EXPOSURE_BIAS => "0.001 EV",
-        _ => "",
-    }
-}
-
-fn restrictions(flags: u32) -> Vec<&'static str> {
-    let names = [
-        (sys::V4L2_CTRL_FLAG_DISABLED, "disabled"),
-        (sys::V4L2_CTRL_FLAG_GRABBED, "grabbed"),
-        (sys::V4L2_CTRL_FLAG_READ_ONLY, "read-only"),
-        (sys::V4L2_CTRL_FLAG_INACTIVE, "inactive"),
-        (sys::V4L2_CTRL_FLAG_WRITE_ONLY, "write-only"),
-        (sys::V4L2_CTRL_FLAG_VOLATILE, "volatile"),
-    ];
-    names
-        .into_iter()
-        .filter(|(flag, _)| flags & flag != 0)
-        .map(|(_, name)| name)
-        .collect()
-}
-
 fn is_settable(control: &RawControl) -> bool {
     let hindrances = sys::V4L2_CTRL_FLAG_DISABLED | sys::V4L2_CTRL_FLAG_READ_ONLY;
-    control.flags & hindrances == 0 && !control.is_compound && has_number(control)
+    control.flags & hindrances == 0 && has_number(control)
 }
 
 fn range(control: &RawControl) -> ControlRange {
@@ -551,23 +433,5 @@ mod tests {
         assert_eq!(change(Watched::Auto(AutoMode::Exposure), 3), Some(AutoMode::Exposure));
         assert_eq!(change(Watched::Auto(AutoMode::Exposure), 1), None);
         assert_eq!(change(Watched::Control(ControlKind::Gain), 1), None);
-    }
-
-    #[test]
-    fn unknown_kinds_of_control_have_a_name() {
-        let control = RawControl {
-            id: 1,
-            kind: 0x107,
-            name: "grid".into(),
-            minimum: 0,
-            maximum: 0,
-            step: 0,
-            default: 0,
-            flags: 0,
-            is_compound: true,
-        };
-        assert_eq!(kind_name(&control), "type 0x107");
-        assert!(!is_settable(&control));
-        assert_eq!(range(&control).step, 1);
     }
 }

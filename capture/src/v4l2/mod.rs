@@ -5,7 +5,7 @@
 //!                            \--controls--> V4l2Controls (for another thread)
 //! ```
 //!
-//! Nothing of V4L2 leaves this module but names and flags. `unsafe` is in two files: `ioctl.rs` makes the calls,
+//! Nothing of V4L2 leaves this module but names and flags. `unsafe` is in two places: `ioctl` makes the calls,
 //! `buffers.rs` owns the memory that the driver writes into.
 //!
 //! What is not in here: no threads, no waiting but in [`Stream::next`], no decoding of JPEG, no judgement of time
@@ -17,6 +17,7 @@
 )]
 mod buffers;
 mod colour;
+mod control_list;
 mod controls;
 pub mod doctor;
 
@@ -36,7 +37,8 @@ use std::sync::Arc;
 use v4l::v4l_sys as sys;
 use v4l::video::Capture;
 
-pub use controls::{AutoMode, ControlChange, ControlDescription, PowerLine, V4l2Controls, Watched};
+pub use control_list::ControlDescription;
+pub use controls::{AutoMode, ControlChange, PowerLine, V4l2Controls, Watched};
 pub use enumerate::{CameraAddress, CameraNode, UsbPlace, find, holders_of, list_nodes};
 pub use error::{ControlError, StreamError, V4l2Error};
 pub use format::{Choice, FormatKind, FormatOffer, Interval, Intervals, Negotiated, SizeOffer, Sizes, Wish, choose};

@@ -92,6 +92,14 @@ pub fn nodes() -> Vec<PathBuf> {
 /// # Errors
 /// What the module loader says.
 pub fn reload() -> io::Result<()> {
+    reload_with(2)
+}
+
+/// The same with this many webcams, 1 to 64.
+///
+/// # Errors
+/// What the module loader says.
+pub fn reload_with(n_cameras: usize) -> io::Result<()> {
     const FOLDER: &str = "/run/driver-vm";
     let run = |arguments: &[&str]| {
         let output = Command::new(format!("{FOLDER}/busybox")).args(arguments).output()?;
@@ -102,12 +110,20 @@ pub fn reload() -> io::Result<()> {
     };
     run(&["rmmod", "vivid"])?;
     let module = format!("{FOLDER}/modules/vivid.ko");
+    let for_each = |name: &str, value: &str| format!("{name}={}", vec![value; n_cameras].join(","));
+    let count = format!("n_devs={n_cameras}");
+    // Type 0x1 is a camera, input 0 a webcam.
+    let parameters = [
+        for_each("node_types", "0x1"),
+        for_each("num_inputs", "1"),
+        for_each("input_types", "0"),
+    ];
     run(&[
         "insmod",
         &module,
-        "n_devs=2",
-        "node_types=0x1,0x1",
-        "num_inputs=1,1",
-        "input_types=0,0",
+        &count,
+        &parameters[0],
+        &parameters[1],
+        &parameters[2],
     ])
 }

@@ -10,67 +10,9 @@ use mirrorball_capture::{ControlKind, ControlValues, pool::HeapPool};
 use mirrorball_driver_tests::raw_camera::{self, RawCamera};
 use mirrorball_driver_tests::vivid::{self, VividFault};
 
-use crate::Case;
-
 use super::v4l2_support::{
     Counts, Running, expect, expect_no_growth, footprint, free_buffers, open, say, settings, wish,
 };
-
-/// The cases of this file.
-pub(super) const CASES: [Case; 13] = [
-    Case {
-        name: "v4l2_vivid_formats",
-        run: formats,
-    },
-    Case {
-        name: "v4l2_vivid_refusals",
-        run: refusals,
-    },
-    Case {
-        name: "v4l2_vivid_overrun",
-        run: overrun,
-    },
-    Case {
-        name: "v4l2_vivid_controls",
-        run: controls,
-    },
-    Case {
-        name: "v4l2_vivid_control_list",
-        run: control_list,
-    },
-    Case {
-        name: "v4l2_vivid_dropped",
-        run: dropped,
-    },
-    Case {
-        name: "v4l2_vivid_flag_error",
-        run: flag_error,
-    },
-    Case {
-        name: "v4l2_vivid_fatal",
-        run: fatal,
-    },
-    Case {
-        name: "v4l2_vivid_refused_calls",
-        run: refused_calls,
-    },
-    Case {
-        name: "v4l2_vivid_wrap_sequence",
-        run: wrap_sequence,
-    },
-    Case {
-        name: "v4l2_vivid_starts_and_stops",
-        run: starts_and_stops,
-    },
-    Case {
-        name: "v4l2_vivid_disconnect",
-        run: disconnect,
-    },
-    Case {
-        name: "v4l2_vivid_ten_thousand_frames",
-        run: ten_thousand_frames,
-    },
-];
 
 /// `V4L2_CID_AUTOGAIN`.
 const AUTOGAIN: u32 = 0x0098_0912;
@@ -94,7 +36,7 @@ fn set(fault: VividFault, value: i32) -> Result<(), String> {
 }
 
 /// Every raw format by both methods: the right length, rising numbers and stamps, the same picture.
-fn formats() -> Result<(), String> {
+pub(super) fn formats() -> Result<(), String> {
     for kind in [FormatKind::Yuyv, FormatKind::Nv12, FormatKind::Grey] {
         let mut means = Vec::new();
         for method in METHODS {
@@ -129,7 +71,7 @@ fn formats() -> Result<(), String> {
 }
 
 /// What cannot be had is refused with reasons, and a camera that streams is not given away twice.
-fn refusals() -> Result<(), String> {
+pub(super) fn refusals() -> Result<(), String> {
     let mut camera = open(&node()?)?;
     let error = camera.negotiate(&wish(SIZE, 60.0, &[FormatKind::Mjpeg])).err();
     let is_right = matches!(&error, Some(V4l2Error::FormatRefused { refusals, .. }) if refusals.len() == 1);
@@ -158,7 +100,7 @@ fn refusals() -> Result<(), String> {
 }
 
 /// The pool runs dry: frames are counted as overruns, the driver keeps its buffers, and it goes on afterwards.
-fn overrun() -> Result<(), String> {
+pub(super) fn overrun() -> Result<(), String> {
     for method in METHODS {
         let mut running = start(method)?;
         let mut held = Vec::new();
@@ -188,7 +130,7 @@ fn overrun() -> Result<(), String> {
 }
 
 /// Gain and automatic gain: ranges, values read back, refusals, and other programs' changes as events.
-fn controls() -> Result<(), String> {
+pub(super) fn controls() -> Result<(), String> {
     let mut running = start(Method::Auto)?;
     let controls = running.camera.controls();
     let range = controls.ranges().get(ControlKind::Gain).ok_or("vivid has a gain")?;
@@ -267,7 +209,7 @@ fn next_change(running: &mut Running) -> Result<mirrorball_capture::v4l2::Contro
 }
 
 /// `devices` lists all of vivid's controls, of kinds that the crate `v4l` panics on as well.
-fn control_list() -> Result<(), String> {
+pub(super) fn control_list() -> Result<(), String> {
     let all = open(&node()?)?.controls().list().map_err(say)?;
     let unknown = all.iter().filter(|control| control.kind.starts_with("type ")).count();
     let menus = all.iter().filter(|control| !control.menu.is_empty()).count();
@@ -280,7 +222,7 @@ fn control_list() -> Result<(), String> {
 }
 
 /// 30 % dropped: gaps only, all counted. 100 %: timeouts only, and the stream goes on afterwards.
-fn dropped() -> Result<(), String> {
+pub(super) fn dropped() -> Result<(), String> {
     for method in METHODS {
         let mut running = start(method)?;
         running.count(5)?;
@@ -309,7 +251,7 @@ fn dropped() -> Result<(), String> {
 }
 
 /// A frame flagged as damaged is lost, never a frame, and it is one frame.
-fn flag_error() -> Result<(), String> {
+pub(super) fn flag_error() -> Result<(), String> {
     for method in METHODS {
         let mut running = start(method)?;
         running.count(3)?;
@@ -322,7 +264,7 @@ fn flag_error() -> Result<(), String> {
 }
 
 /// A fatal error ends the stream; the same open device streams again after a restart.
-fn fatal() -> Result<(), String> {
+pub(super) fn fatal() -> Result<(), String> {
     for method in METHODS {
         let mut running = start(method)?;
         running.count(3)?;
@@ -351,7 +293,7 @@ fn fatal() -> Result<(), String> {
 }
 
 /// Errors of single calls: each is reported or healed, and the next attempt works.
-fn refused_calls() -> Result<(), String> {
+pub(super) fn refused_calls() -> Result<(), String> {
     for method in METHODS {
         set(VividFault::RequestBuffers, 1)?;
         let error = start(method).err();
@@ -379,7 +321,7 @@ fn refused_calls() -> Result<(), String> {
 }
 
 /// Numbers that wrap at 2³² leave no gap.
-fn wrap_sequence() -> Result<(), String> {
+pub(super) fn wrap_sequence() -> Result<(), String> {
     set(VividFault::WrapSequence, 1)?;
     let counts = start(Method::Auto).and_then(|mut running| running.count(200));
     set(VividFault::WrapSequence, 0)?;
@@ -391,7 +333,7 @@ fn wrap_sequence() -> Result<(), String> {
 }
 
 /// 10,000 frames over several cameras, both methods: as many open files and as much memory as before.
-fn ten_thousand_frames() -> Result<(), String> {
+pub(super) fn ten_thousand_frames() -> Result<(), String> {
     const CAMERAS: usize = 8;
     vivid::reload_with(CAMERAS).map_err(say)?;
     let nodes = vivid::nodes();
@@ -427,7 +369,7 @@ fn ten_thousand_frames() -> Result<(), String> {
 }
 
 /// Starting and stopping leaks nothing, and all buffers are back in the pool.
-fn starts_and_stops() -> Result<(), String> {
+pub(super) fn starts_and_stops() -> Result<(), String> {
     let once = |method| -> Result<(), String> {
         let mut running = start(method)?;
         running.count(1)?;
@@ -461,7 +403,7 @@ fn starts_and_stops() -> Result<(), String> {
 }
 
 /// Disconnected: the stream says so at once, dropping it is quiet, and the camera is found when it is back.
-fn disconnect() -> Result<(), String> {
+pub(super) fn disconnect() -> Result<(), String> {
     for method in METHODS {
         let mut running = start(method)?;
         running.count(3)?;

@@ -15,56 +15,6 @@ use mirrorball_driver_tests::webcam::controls::{Control, MANUAL};
 use mirrorball_driver_tests::webcam::{FrameFault, Webcam, WebcamConfig, counter};
 
 use super::v4l2_support::{PATIENCE, Running, expect, expect_no_growth, footprint, open, say, settings, wish};
-use crate::Case;
-
-/// The cases of this file.
-pub(super) const CASES: [Case; 11] = [
-    Case {
-        name: "v4l2_webcam_formats",
-        run: formats,
-    },
-    Case {
-        name: "v4l2_webcam_controls",
-        run: controls,
-    },
-    Case {
-        name: "v4l2_webcam_stalled_controls",
-        run: stalled_controls,
-    },
-    Case {
-        name: "v4l2_webcam_automatics",
-        run: automatics,
-    },
-    Case {
-        name: "v4l2_webcam_dropped_errors",
-        run: dropped_errors,
-    },
-    Case {
-        name: "v4l2_webcam_delivered_errors",
-        run: delivered_errors,
-    },
-    Case {
-        name: "v4l2_webcam_transfer_error",
-        run: transfer_error,
-    },
-    Case {
-        name: "v4l2_webcam_hang",
-        run: hang,
-    },
-    Case {
-        name: "v4l2_webcam_cut_jpeg",
-        run: cut_jpeg,
-    },
-    Case {
-        name: "v4l2_webcam_unplug",
-        run: unplug,
-    },
-    Case {
-        name: "v4l2_webcam_addresses",
-        run: addresses,
-    },
-];
-
 const NAME: &str = "Scene camera";
 const VGA: (u32, u32) = (640, 480);
 const SMALL: (u32, u32) = (320, 240);
@@ -80,7 +30,7 @@ fn start(webcam: &Webcam, method: Method) -> Result<Running, String> {
 }
 
 /// Raw pictures by both methods are those that the webcam sent; a size that is too much for raw comes as JPEG.
-fn formats() -> Result<(), String> {
+pub(super) fn formats() -> Result<(), String> {
     let webcam = plug()?;
     let node = webcam.node(PATIENCE).map_err(say)?;
     for method in [Method::Mmap, Method::UserPtr] {
@@ -118,7 +68,7 @@ fn formats() -> Result<(), String> {
         expected,
         running.negotiated.to_string(),
     )?;
-    for _ in 0..5 {
+    for _ in 0..2 {
         let raw = running.frame()?;
         let is_jpeg = raw.pixels.starts_with(&[0xff, 0xd8]) && raw.pixels.ends_with(&[0xff, 0xd9]);
         expect(is_jpeg, "a whole JPEG picture", (raw.pixels.len(), raw.bytes_used))?;
@@ -127,7 +77,7 @@ fn formats() -> Result<(), String> {
 }
 
 /// Everything ours is there with its range and steers the sensor.
-fn controls() -> Result<(), String> {
+pub(super) fn controls() -> Result<(), String> {
     let webcam = plug()?;
     let mut running = start(&webcam, Method::Auto)?;
     let controls = running.camera.controls();
@@ -188,7 +138,7 @@ fn controls() -> Result<(), String> {
 }
 
 /// A control that stalls gives an error that says so, for each of UVC's error codes, and works again afterwards.
-fn stalled_controls() -> Result<(), String> {
+pub(super) fn stalled_controls() -> Result<(), String> {
     let webcam = plug()?;
     let mut running = start(&webcam, Method::Auto)?;
     let controls = running.camera.controls();
@@ -218,7 +168,7 @@ fn stalled_controls() -> Result<(), String> {
 
 /// Automatics: they keep us from setting, are seen when another program switches them on, and can be taken back even
 /// when the webcam itself switched them on, of which nobody is told.
-fn automatics() -> Result<(), String> {
+pub(super) fn automatics() -> Result<(), String> {
     let webcam = plug()?;
     let mut running = start(&webcam, Method::Auto)?;
     let controls = running.camera.controls();
@@ -274,7 +224,7 @@ fn automatics() -> Result<(), String> {
 }
 
 /// As the driver is set by default it drops damaged frames: gaps, each counted. What the sensor loses leaves none.
-fn dropped_errors() -> Result<(), String> {
+pub(super) fn dropped_errors() -> Result<(), String> {
     fs::write(NODROP, "0").map_err(say)?;
     let webcam = plug()?;
     let mut running = start(&webcam, Method::UserPtr)?;
@@ -307,7 +257,7 @@ fn dropped_errors() -> Result<(), String> {
 }
 
 /// With `nodrop=1` damaged frames are delivered: they are losses with a cause, never frames.
-fn delivered_errors() -> Result<(), String> {
+pub(super) fn delivered_errors() -> Result<(), String> {
     fs::write(NODROP, "1").map_err(say)?;
     let result = (|| {
         let webcam = plug()?;
@@ -334,7 +284,7 @@ fn delivered_errors() -> Result<(), String> {
 
 /// A failed transfer empties all buffers, and the stream goes on with what transfers it has left. When all have
 /// failed it is stuck: an error that asks for a restart, which heals.
-fn transfer_error() -> Result<(), String> {
+pub(super) fn transfer_error() -> Result<(), String> {
     let webcam = plug()?;
     for method in [Method::Mmap, Method::UserPtr] {
         let mut running = start(&webcam, method)?;
@@ -362,7 +312,7 @@ fn transfer_error() -> Result<(), String> {
 }
 
 /// A webcam that hangs gives timeouts, however many, and the stream goes on when it does.
-fn hang() -> Result<(), String> {
+pub(super) fn hang() -> Result<(), String> {
     let webcam = plug()?;
     let mut running = start(&webcam, Method::Auto)?;
     running.count(5)?;
@@ -382,10 +332,10 @@ fn hang() -> Result<(), String> {
 }
 
 /// A JPEG picture that is cut off is a frame as long as it is: only decoding can tell. The stream goes on.
-fn cut_jpeg() -> Result<(), String> {
+pub(super) fn cut_jpeg() -> Result<(), String> {
     let webcam = plug()?;
     let node = webcam.node(PATIENCE).map_err(say)?;
-    let mut running = Running::start(&node, &wish(VGA, 30.0, &[FormatKind::Mjpeg]), Method::Auto)?;
+    let mut running = Running::start(&node, &wish(SMALL, 30.0, &[FormatKind::Mjpeg]), Method::Auto)?;
     running.count(5)?;
     webcam.befall(FrameFault::Short, 2);
     let mut n_cut = 0;
@@ -403,7 +353,7 @@ fn cut_jpeg() -> Result<(), String> {
 
 /// Unplugged while streaming: said at once. Plugged in again: found by its address under another node number, while
 /// the old node is still open and afterwards; nothing is left behind.
-fn unplug() -> Result<(), String> {
+pub(super) fn unplug() -> Result<(), String> {
     let mut webcam = plug()?;
     let address: CameraAddress = format!("{NAME}: {NAME}").parse().map_err(say)?;
     let address = if Camera::open(&address).is_ok() {
@@ -418,7 +368,9 @@ fn unplug() -> Result<(), String> {
         running.count(5)?;
         let old_path = running.camera.path().to_path_buf();
         let held = running.frame()?;
+        eprintln!("A");
         webcam.unplug();
+        eprintln!("B");
         let began = Instant::now();
         let (error, _) = running.until_failure()?;
         let noticed = began.elapsed();
@@ -433,8 +385,10 @@ fn unplug() -> Result<(), String> {
             "controls that know it",
             &error,
         )?;
+        eprintln!("C");
         let began = Instant::now();
         webcam.replug().map_err(say)?;
+        eprintln!("D");
         // In every other round the old node stays open, which makes the number another.
         let kept = if round % 2 == 0 { Some(running) } else { None };
         let (camera, found) = find_again(&address, began)?;
@@ -473,7 +427,7 @@ fn find_again(address: &CameraAddress, began: Instant) -> Result<(Camera, Durati
 }
 
 /// Cameras of the same name are told apart by port; metadata nodes are not cameras; the doctor knows the bus.
-fn addresses() -> Result<(), String> {
+pub(super) fn addresses() -> Result<(), String> {
     let webcams = [plug()?, Webcam::plug(1, WebcamConfig::named(NAME)).map_err(say)?];
     for webcam in &webcams {
         webcam.node(PATIENCE).map_err(say)?;

@@ -35,6 +35,9 @@ const WHITE_NORM: i32 = 4;
 const BINS_PER_EV: f64 = 24.0;
 const BINS: usize = 276;
 
+/// Leading binary places of a number that its logarithm is looked up by: 11.
+const MANTISSAS: usize = 2048;
+
 /// What an 8-bit code says about the linear signal, as a fraction of full scale.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
@@ -170,6 +173,7 @@ pub struct Statistics {
 pub struct Meter {
     response: Response,
     bins: Box<[Bin; BINS]>,
+    mantissa_log2: Box<[f32; MANTISSAS]>,
 }
 
 /// Samples of about the same luminance.
@@ -199,6 +203,9 @@ impl Meter {
         Self {
             response,
             bins: Box::new([Bin::default(); BINS]),
+            mantissa_log2: Box::new(std::array::from_fn(|index| {
+                (1.0 + (index as f32 + 0.5) / MANTISSAS as f32).log2()
+            })),
         }
     }
 
@@ -250,14 +257,17 @@ impl Meter {
         self.bins.fill(Bin::default());
         let (width, height) = (size.width as usize, size.height as usize);
         let (columns, rows) = (width.min(COLUMNS), height.min(ROWS));
+        let is_central = |cell: usize, cells: usize| (cells..3 * cells).contains(&(4 * cell + 2));
+        // Where the samples of a row lie, and which of them are central: divisions are done once, not for each row.
+        let place = |column: usize| ((2 * column + 1) * width / (2 * columns), is_central(column, columns));
+        let places: [(usize, bool); COLUMNS] = std::array::from_fn(place);
         let mut sums = Sums::default();
         for row in 0..rows {
             let y = (2 * row + 1) * height / (2 * rows);
-            let row_is_central = (rows..3 * rows).contains(&(4 * row + 2));
-            for column in 0..columns {
-                let x = (2 * column + 1) * width / (2 * columns);
-                let is_central = row_is_central && (columns..3 * columns).contains(&(4 * column + 2));
-                self.add(&mut sums, rgb(x, y), if is_central { 2.0 } else { 1.0 });
+            let row_is_central = is_central(row, rows);
+            for &(x, column_is_central) in &places[..columns] {
+                let weight = if row_is_central && column_is_central { 2.0 } else { 1.0 };
+                self.add(&mut sums, rgb(x, y), weight);
             }
         }
         sums
@@ -267,7 +277,7 @@ impl Meter {
     fn add(&mut self, sums: &mut Sums, code: [u8; 3], weight: f32) {
         let rgb = code.map(|code| self.response.linear(code));
         let luminance = 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-        let log2 = luminance.log2().max(BLACK_LOG2 as f32);
+        let log2 = self.log2(luminance).max(BLACK_LOG2 as f32);
         let bin = ((log2 - BLACK_LOG2 as f32) * BINS_PER_EV as f32) as usize;
         let bin = &mut self.bins[bin.min(BINS - 1)];
         bin.weight += weight;
@@ -289,6 +299,14 @@ impl Meter {
         if log2 <= BLACK_LOG2 as f32 {
             sums.black += wide;
         }
+    }
+
+    /// log2 of a number from 0 to 1, to 0.0004: its exponent, and a table for its leading binary places.
+    #[inline]
+    fn log2(&self, number: f32) -> f32 {
+        let bits = number.to_bits();
+        let exponent = (bits >> 23) as i32 - 127;
+        exponent as f32 + self.mantissa_log2[(bits >> 12) as usize % MANTISSAS]
     }
 
     fn statistics(&self, sums: &Sums) -> Statistics {

@@ -421,8 +421,8 @@ fn check_said(said: &FrameExposure, held: &[ControlValues]) {
     assert!(held.iter().any(is_it), "{said:?}");
 }
 
-fn happen(lockstep: &mut Lockstep, drivers: &mut [Driver; 2], event: Event) {
-    match event {
+fn happen(lockstep: &mut Lockstep, drivers: &mut [Driver; 2], event: &Event) {
+    match *event {
         Event::Frame {
             camera,
             skipped,
@@ -493,7 +493,7 @@ proptest! {
         let mut lockstep = lockstep(Mode::FollowLeader);
         let mut drivers = [Driver::new(), Driver::new()];
         for event in events {
-            happen(&mut lockstep, &mut drivers, event);
+            happen(&mut lockstep, &mut drivers, &event);
         }
     }
 

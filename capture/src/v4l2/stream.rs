@@ -195,7 +195,7 @@ impl Stream {
     ///
     /// The camera is gone, or the stream stands still until [`Stream::restart`].
     pub fn next(&mut self, pool: &mut dyn Pool, timeout: Duration) -> Result<Taken, StreamError> {
-        let deadline = Instant::now() + timeout;
+        let began = Instant::now();
         if self.accounts.losses_in_a_row() >= self.patience() {
             let n_losses = self.accounts.losses_in_a_row();
             return Err(StreamError::OnlyErrors {
@@ -205,7 +205,7 @@ impl Stream {
         }
         self.lend_all()?;
         loop {
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = timeout.saturating_sub(began.elapsed());
             let ready = self
                 .node
                 .poll(left)
@@ -223,7 +223,7 @@ impl Stream {
                     Err(error) => return Err(self.error("take a frame", error)),
                 }
             }
-            if Instant::now() >= deadline {
+            if began.elapsed() >= timeout {
                 return self.silence();
             }
         }

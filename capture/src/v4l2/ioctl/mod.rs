@@ -7,11 +7,13 @@
 mod controls;
 mod streaming;
 
-use std::ffi::{CString, c_void};
+use std::ffi::c_void;
 use std::io;
+use std::os::fd::BorrowedFd;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+use rustix::io::{FdFlags, fcntl_setfd};
 use v4l::Device;
 use v4l::v4l_sys as sys;
 use v4l::v4l2::vidioc;
@@ -114,15 +116,19 @@ impl Node {
             return Err(io::ErrorKind::InvalidInput.into());
         }
         let device = Device::with_path(path)?;
-        // SAFETY: sets a flag of a file descriptor that `device` keeps open.
-        if unsafe { libc::fcntl(device.handle().fd(), libc::F_SETFD, libc::FD_CLOEXEC) } == -1 {
-            return Err(io::Error::last_os_error());
-        }
-        Ok(Self {
+        let node = Self {
             device,
             path: path.into(),
             abandoned: Mutex::new(Vec::new()),
-        })
+        };
+        fcntl_setfd(node.descriptor(), FdFlags::CLOEXEC)?;
+        Ok(node)
+    }
+
+    /// The open file, for as long as the node is open.
+    fn descriptor(&self) -> BorrowedFd<'_> {
+        // SAFETY: the device keeps it open and closes it when it is dropped, which the borrow of `self` forbids.
+        unsafe { BorrowedFd::borrow_raw(self.device.handle().fd()) }
     }
 
     /// Where the node was opened.
@@ -233,13 +239,7 @@ impl Node {
 
 /// Free bytes on the file system of a path.
 pub(super) fn free_bytes(path: &Path) -> io::Result<u64> {
-    let path = CString::new(path.as_os_str().as_encoded_bytes())?;
-    // SAFETY: a structure of integers.
-    let mut found: libc::statvfs = unsafe { std::mem::zeroed() };
-    // SAFETY: a text that ends in zero and a structure of ours, both borrowed during the call.
-    if unsafe { libc::statvfs(path.as_ptr(), &raw mut found) } == -1 {
-        return Err(io::Error::last_os_error());
-    }
+    let found = rustix::fs::statvfs(path)?;
     Ok(found.f_bavail * found.f_frsize)
 }
 

@@ -3,10 +3,16 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::time::{ClockId, clock_gettime};
 use v4l::v4l_sys as sys;
 use v4l::v4l2::vidioc;
 
 use super::{CAPTURE, Node, Plain};
+
+/// Longest wait at once: a day. Beyond that deadlines overflow.
+const LONGEST_WAIT: Duration = Duration::from_secs(86_400);
 
 /// What [`Node::poll`] found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -48,30 +54,27 @@ pub(in crate::v4l2) struct Dequeued {
 }
 
 impl Node {
-    /// Waits for a buffer, an event or a failure. Finds nothing when the timeout is over.
+    /// Waits for a buffer, an event or a failure, a day at most. Finds nothing when the timeout is over.
     pub(in crate::v4l2) fn poll(&self, timeout: Duration) -> io::Result<Ready> {
-        let deadline = Instant::now() + timeout;
+        let deadline = Instant::now() + timeout.min(LONGEST_WAIT);
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            // Rounded up, so that less than a millisecond does not spin.
-            let left_ms = i32::try_from(left.as_micros().div_ceil(1000)).unwrap_or(i32::MAX);
-            let mut poll = libc::pollfd {
-                fd: self.device.handle().fd(),
-                events: libc::POLLIN | libc::POLLPRI,
-                revents: 0,
-            };
-            // SAFETY: one structure, borrowed during the call.
-            if unsafe { libc::poll(&raw mut poll, 1, left_ms) } >= 0 {
-                return Ok(Ready {
-                    has_buffer: poll.revents & libc::POLLIN != 0,
-                    has_event: poll.revents & libc::POLLPRI != 0,
-                    has_failed: poll.revents & (libc::POLLERR | libc::POLLHUP | libc::POLLNVAL) != 0,
-                });
+            let timeout = Timespec::try_from(left).expect("a day is short enough");
+            let mut polled = [PollFd::from_borrowed_fd(
+                self.descriptor(),
+                PollFlags::IN | PollFlags::PRI,
+            )];
+            match poll(&mut polled, Some(&timeout)) {
+                Err(Errno::INTR) => continue,
+                Err(error) => return Err(error.into()),
+                Ok(_) => {}
             }
-            let error = io::Error::last_os_error();
-            if error.kind() != io::ErrorKind::Interrupted {
-                return Err(error);
-            }
+            let found = polled[0].revents();
+            return Ok(Ready {
+                has_buffer: found.contains(PollFlags::IN),
+                has_event: found.contains(PollFlags::PRI),
+                has_failed: found.intersects(PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL),
+            });
         }
     }
 
@@ -192,8 +195,6 @@ impl Node {
 
 /// Nanoseconds since boot on the clock of the drivers' stamps.
 pub(crate) fn monotonic_ns() -> u64 {
-    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: writes to a structure of ours. It cannot fail: the clock exists on every Linux.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
+    let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }

@@ -368,9 +368,7 @@ pub(super) fn unplug() -> Result<(), String> {
         running.count(5)?;
         let old_path = running.camera.path().to_path_buf();
         let held = running.frame()?;
-        eprintln!("A");
         webcam.unplug();
-        eprintln!("B");
         let began = Instant::now();
         let (error, _) = running.until_failure()?;
         let noticed = began.elapsed();
@@ -385,10 +383,8 @@ pub(super) fn unplug() -> Result<(), String> {
             "controls that know it",
             &error,
         )?;
-        eprintln!("C");
         let began = Instant::now();
         webcam.replug().map_err(say)?;
-        eprintln!("D");
         // In every other round the old node stays open, which makes the number another.
         let kept = if round % 2 == 0 { Some(running) } else { None };
         let (camera, found) = find_again(&address, began)?;

@@ -2,6 +2,7 @@
 //! what is there says the truth, and the other camera goes on.
 
 use std::fs::File;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use mirrorball_driver_tests::raw_camera::{self, RawCamera};
@@ -49,12 +50,19 @@ fn unplug_and_replug(stage: &mut Stage, index: usize, name: &'static str) -> Res
         .set_where("a frame before", |set| frame_of(set, name).is_some())?;
     let last_ns = frame_of(&last, name).map_or(0, |seen| seen.meta.timestamp_ns);
     stage.webcams[index].unplug();
-    let meanwhile = stage.reader.sets_for(Duration::from_millis(700))?;
-    // Without the scene camera there are no sets; without the other one sets go on.
-    let n_expected = if index == BALL { 12 } else { 0 };
-    ensure(meanwhile.len() >= n_expected, || {
-        format!("{} sets in 0.7 s without {name}", meanwhile.len())
-    })?;
+    if index == BALL {
+        // Sets go on, without it once those are out that it was in.
+        stage
+            .reader
+            .set_where("sets without it", |set| frame_of(set, name).is_none())?;
+        stage.reader.sets(8)?;
+    } else {
+        // Without the scene camera there are no sets.
+        wait_until(stage, "a camera that is missed", |stage| {
+            stage.daemon.log().contains("no camera: ")
+        })?;
+        thread::sleep(Duration::from_millis(500));
+    }
     let unplugged_at = stage.webcams[index].truth().len();
     let begun = Instant::now();
     stage.webcams[index].replug().map_err(say)?;
@@ -89,15 +97,20 @@ pub(super) fn error_frames_short_frames_urb_errors_hang() -> Result<(), String> 
     with_daemon(&[scene_camera(), ball_camera()], KNOWN_LATENCY, |stage| {
         for fault in [FrameFault::ErrorBit, FrameFault::Short, FrameFault::LostInSensor] {
             stage.webcams[BALL].befall(fault, 3);
-            stage.reader.sets_for(Duration::from_millis(300))?;
+            stage.reader.sets(6)?;
         }
         stage.webcams[BALL].befall(FrameFault::TransferError, 1);
-        stage.reader.sets_for(Duration::from_millis(500))?;
+        stage.reader.sets(8)?;
         // More than there are transfers: the stream gets stuck.
         stage.webcams[BALL].befall(FrameFault::TransferError, 20);
+        wait_until(stage, "a new start after failed transfers", |stage| {
+            stage.daemon.log().contains("stream restarted: ")
+        })?;
         streams_again(stage, "after failed transfers")?;
         stage.webcams[BALL].hang(true);
-        stage.reader.sets_for(Duration::from_millis(2600))?;
+        wait_until(stage, "a new start of a webcam that hangs", |stage| {
+            stage.daemon.log().contains("stream restarted: no frame for ")
+        })?;
         stage.webcams[BALL].hang(false);
         streams_again(stage, "after a hang")?;
         let accounts = stage.end()?;
@@ -127,7 +140,7 @@ fn streams_again(stage: &mut Stage, when: &str) -> Result<(), String> {
     let what = format!("the ball camera {when}");
     let wanted = |set: &[Seen]| frame_of(set, "ball").is_some_and(is_later);
     stage.reader.set_where(&what, wanted)?;
-    stage.reader.sets_for(Duration::from_millis(300)).map(|_| ())
+    stage.reader.sets(5).map(|_| ())
 }
 
 /// Frames and losses are the frames that the sensor took, and the time in which it took none.
@@ -147,9 +160,10 @@ fn check_sum(webcam: &Webcam, account: &Account) -> Result<(), String> {
         account.frames,
         account.lost
     );
-    // The last frames may be on their way still.
-    ensure((accounted - slots).abs() <= 4.0, || {
-        format!("{accounted} frames accounted for in the time of {slots}: {account:?}")
+    let took = frames.len() as f64;
+    // The last frames may be on their way still; and time that is estimated from late stamps may be a little off.
+    ensure(accounted >= took - 3.0 && accounted <= slots * 1.05 + 4.0, || {
+        format!("{accounted} frames accounted for, {took} taken in the time of {slots}: {account:?}")
     })
 }
 
@@ -160,7 +174,7 @@ pub(super) fn stalled_controls() -> Result<(), String> {
         stage.webcams[BALL].stall_control(Control::ExposureTime, Some(5));
         let before = stage.webcams[BALL].control(Control::ExposureTime);
         set_light(stage, 1.5, 6504.0);
-        let sets = stage.reader.sets_for(Duration::from_millis(1500))?;
+        let sets = stage.reader.sets(25)?;
         ensure(stage.webcams[BALL].control(Control::ExposureTime) == before, || {
             "the stall does not hold".to_owned()
         })?;
@@ -172,7 +186,7 @@ pub(super) fn stalled_controls() -> Result<(), String> {
             stage.webcams[BALL].control(Control::ExposureTime) != before
         })?;
         wait_until_still(stage)?;
-        let sets = stage.reader.sets_for(Duration::from_millis(500))?;
+        let sets = stage.reader.sets(10)?;
         let after = Match::of(stage, &sets)?;
         println!("    after: {after}");
         after.check()?;
@@ -209,7 +223,7 @@ fn taken_back(stage: &mut Stage, index: usize, whose: &str) -> Result<(), String
     })?;
     println!("    taken back from {whose} after {:.2?}", begun.elapsed());
     wait_until_still(stage)?;
-    let sets = stage.reader.sets_for(Duration::from_millis(500))?;
+    let sets = stage.reader.sets(10)?;
     let after = Match::of(stage, &sets)?;
     println!("    {after}");
     after.check()
@@ -222,10 +236,11 @@ pub(super) fn truncated_mjpeg() -> Result<(), String> {
         ..scene_camera()
     };
     with_daemon(&[scene], KNOWN_LATENCY, |stage| {
-        stage.reader.sets_for(Duration::from_millis(500))?;
+        // JPEG pictures of this size come at 60 a second only, which is too much here.
+        stage.webcams[SCENE].slow_down(4.0);
+        stage.reader.sets(5)?;
         stage.webcams[SCENE].befall(FrameFault::Short, 5);
-        let sets = stage.reader.sets_for(Duration::from_millis(1000))?;
-        ensure(sets.len() > 10, || format!("{} sets in a second", sets.len()))?;
+        let sets = stage.reader.sets(20)?;
         let cut: Vec<FrameTruth> = stage.webcams[SCENE]
             .truth()
             .into_iter()
@@ -253,8 +268,8 @@ pub(super) fn one_camera_slower_than_the_other() -> Result<(), String> {
     with_daemon(&[scene_camera(), ball_camera()], KNOWN_LATENCY, |stage| {
         wait_until_still(stage)?;
         stage.webcams[BALL].slow_down(1.5);
-        stage.reader.sets_for(Duration::from_millis(1500))?;
-        let sets = stage.reader.sets_for(Duration::from_millis(1500))?;
+        stage.reader.sets(30)?;
+        let sets = stage.reader.sets(20)?;
         let n_whole = sets.iter().filter(|set| set.len() == 2).count();
         let mut counters: Vec<_> = sets.iter().filter_map(|set| frame_of(set, "ball")?.counter).collect();
         counters.dedup();

@@ -18,7 +18,7 @@ use super::daemon_rig::{CONFIG, Camera, SERVICE, write_config};
 use super::support::{ensure, say};
 
 /// How long a set, a process or a file may take on a busy machine before something is wrong.
-pub(super) const PATIENCE: Duration = Duration::from_secs(10);
+pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// The capture program as a process of its own. Dropping it kills it.
 pub(super) struct Program {
@@ -188,12 +188,12 @@ impl Reader {
         }
     }
 
-    /// The sets of the time from now on.
-    pub(super) fn sets_for(&mut self, duration: Duration) -> Result<Vec<Vec<Seen>>, String> {
-        let end = Instant::now() + duration;
-        let mut sets = Vec::new();
-        while Instant::now() < end {
-            sets.extend(self.next(end.saturating_duration_since(Instant::now()))?);
+    /// The next sets.
+    pub(super) fn sets(&mut self, n_sets: usize) -> Result<Vec<Vec<Seen>>, String> {
+        let mut sets = Vec::with_capacity(n_sets);
+        while sets.len() < n_sets {
+            let set = self.next(PATIENCE)?;
+            sets.push(set.ok_or_else(|| format!("no set within {PATIENCE:?} after {}", sets.len()))?);
         }
         Ok(sets)
     }

@@ -75,7 +75,7 @@ pub(super) fn wait_until(stage: &mut Stage, what: &str, holds: impl Fn(&Stage) -
 }
 
 /// Frames without a change after which cameras count as settled: no two steps that measure a latency are further apart.
-const STILL_FRAMES: usize = 24;
+const STILL_FRAMES: usize = 20;
 
 /// Reads on until no webcam has been asked for anything new for a while.
 pub(super) fn wait_until_still(stage: &mut Stage) -> Result<(), String> {

@@ -32,6 +32,7 @@ pub mod grouping;
 pub mod handover;
 pub mod lockstep;
 pub mod meter;
+pub mod notify;
 pub mod playback;
 pub mod pool;
 pub mod recording;

@@ -12,7 +12,7 @@ use clap::{Parser, Subcommand};
 use mirrorball_capture::config::{CaptureConfig, LogFormat};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, devices, doctor, export, import, info, play, record, run};
+use commands::{CommandError, devices, doctor, export, import, info, play, record, run, status};
 
 /// Drives cameras, records them, and publishes their frames to `mirrorball-render`.
 #[derive(Debug, Parser)]
@@ -38,6 +38,8 @@ enum Command {
     Info(info::InfoArgs),
     /// Writes an MCAP recording as an image folder.
     Export(export::ExportArgs),
+    /// Says how the daemon and its cameras are doing.
+    Status(status::StatusArgs),
     /// Writes an image folder as an MCAP recording.
     Import(import::ImportArgs),
 }
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Command::Play(args) => stop_on_signals().and_then(|stop| play::play(args, &stop)),
         Command::Record(args) => stop_on_signals().and_then(|stop| record::record(args, &stop)),
         Command::Info(args) => info::info(args),
+        Command::Status(args) => status::status(args),
         Command::Export(args) => export::export(args),
         Command::Import(args) => import::import(args),
     };

@@ -8,6 +8,7 @@ use mirrorball_capture::config::ConfigError;
 use mirrorball_capture::daemon::DaemonError;
 use mirrorball_capture::recording::FolderError;
 use mirrorball_capture::recording::mcap::RecordError;
+use mirrorball_capture::status::StatusError;
 use mirrorball_capture::{HandoverError, SourceError};
 
 pub(crate) mod devices;
@@ -18,6 +19,7 @@ pub(crate) mod info;
 pub(crate) mod play;
 pub(crate) mod record;
 pub(crate) mod run;
+pub(crate) mod status;
 
 /// Why a command has failed.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +36,10 @@ pub(crate) enum CommandError {
     Config(#[from] ConfigError),
     #[error(transparent)]
     Daemon(#[from] DaemonError),
+    #[error(transparent)]
+    Status(#[from] StatusError),
+    #[error("cannot find out which user this is")]
+    Environment(#[source] io::Error),
     #[error("cannot read rig file `{}`", path.display())]
     ReadRig {
         path: PathBuf,
@@ -68,7 +74,12 @@ impl CommandError {
             Self::Folder(error) => error.is_bad_input(),
             Self::Handover(error) => error.is_bad_input(),
             Self::Daemon(error) => error.is_bad_input(),
-            Self::NothingReceived { .. } | Self::Print(_) | Self::Signals(_) => false,
+            Self::Status(_)
+            | Self::Environment(_)
+            | Self::Notify(_)
+            | Self::NothingReceived { .. }
+            | Self::Print(_)
+            | Self::Signals(_) => false,
         }
     }
 
@@ -81,6 +92,9 @@ impl CommandError {
             Self::Record(error) => error.hint(),
             Self::Folder(error) => error.hint(),
             Self::Handover(error) => error.hint(),
+            Self::Status(error) => error.hint(),
+            Self::Notify(_) => "let the service manager set it, or unset it",
+            Self::Environment(_) => "mount `/proc`, or give `--socket`",
             Self::ReadRig { .. } | Self::NoRig { .. } => "give the rig file with `--rig`",
             Self::NotInRig { .. } => "give the rig file of these cameras",
             Self::NothingReceived { .. } => "start the daemon, and give both programs the same `--service`",

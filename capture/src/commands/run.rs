@@ -1,15 +1,19 @@
 //! `run`: the daemon itself, on the cameras of a configuration file.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use clap::Args;
 use mirrorball_capture::config::{CameraConfig, CaptureConfig, RecordConfig};
 use mirrorball_capture::daemon::{CameraSetup, Daemon, DaemonSettings, Report, V4l2Device};
 use mirrorball_capture::handover;
 use mirrorball_capture::lockstep::Mains;
+use mirrorball_capture::notify::Notifier;
 use mirrorball_capture::recording::mcap::{Recorder, RecorderOptions};
 use mirrorball_capture::stamps::StampSettings;
+use mirrorball_capture::status::{SocketEnvironment, Status, StatusBoard, StatusServer, default_socket};
 use mirrorball_capture::v4l2::{PowerLine, StreamSettings, Wish};
 use mirrorball_capture::{CameraDescription, PixelFormat};
 
@@ -45,9 +49,24 @@ pub(crate) fn run(config: &CaptureConfig, config_path: &Path, stop: &AtomicBool)
         lockstep: config.lockstep.clone(),
         max_skew: config.service.max_skew,
     };
+    let started = Instant::now();
+    let (server, board, first) = serve_status(config)?;
+    let mut notifier = Notifier::from_process().map_err(CommandError::Environment)?;
     let mut daemon = Daemon::start(cameras, settings, publisher, recorder)?;
-    tracing::info!("publishing on service `{}`", config.service.name);
-    let result = daemon.run(stop, &mut |report| tracing::debug!("{}", in_one_line(report)));
+    notifier.ready();
+    tracing::info!(
+        "publishing on service `{}`, status on `{}`",
+        config.service.name,
+        server.path().display()
+    );
+    let result = daemon.run(stop, &mut |report| {
+        let status = first.with_report(report, started.elapsed().as_secs_f64());
+        notifier.status(&status.summary());
+        notifier.beat();
+        tracing::debug!("{}", in_one_line(report));
+        board.put(status);
+    });
+    notifier.stopping();
     let (report, recorder) = daemon.finish()?;
     tracing::info!("{}", in_one_line(&report));
     if let Some(recorder) = recorder {
@@ -55,6 +74,16 @@ pub(crate) fn run(config: &CaptureConfig, config_path: &Path, stop: &AtomicBool)
         tracing::info!("recorded {} frames, {} lost", stats.frames, stats.lost_frames);
     }
     Ok(result?)
+}
+
+fn serve_status(config: &CaptureConfig) -> Result<(StatusServer, StatusBoard, Status), CommandError> {
+    let socket = match &config.service.status_socket {
+        Some(socket) => socket.clone(),
+        None => default_socket(&SocketEnvironment::from_process().map_err(CommandError::Environment)?),
+    };
+    let first = Status::starting(&config.service.name);
+    let board = StatusBoard::new(first.clone());
+    Ok((StatusServer::start(&socket, board.clone())?, board, first))
 }
 
 fn setup(camera: &CameraConfig, mains: Mains) -> CameraSetup {

@@ -35,11 +35,11 @@ const FORMATS: [FormatKind; 4] = [FormatKind::Yuyv, FormatKind::Nv12, FormatKind
 
 pub(super) fn check(document: &Document<'_>, file: ConfigFile) -> Result<CaptureConfig, ConfigError> {
     if file.version != VERSION {
-        return Err(document.refuse("version", file.version, VERSION.to_string()));
+        return Err(document.refuse("version", &file.version, VERSION.to_string()));
     }
     if !(1..=CAMERAS_MAX).contains(&file.camera.len()) {
         let found = format!("{} cameras", file.camera.len());
-        return Err(document.refuse("camera", found, "1 or 2 `[[camera]]`"));
+        return Err(document.refuse("camera", &found, "1 or 2 `[[camera]]`"));
     }
     let mut cameras: Vec<CameraConfig> = Vec::with_capacity(file.camera.len());
     for (index, camera) in file.camera.into_iter().enumerate() {
@@ -54,7 +54,7 @@ pub(super) fn check(document: &Document<'_>, file: ConfigFile) -> Result<Capture
                 CameraAddress::Card { .. } => format!("camera[{index}].card"),
             };
             let allowed = "another camera than the first; two of one name each need a `usb_path`";
-            return Err(document.refuse(&key, "the first camera's", allowed));
+            return Err(document.refuse(&key, &"the first camera's", allowed));
         }
         cameras.push(camera);
     }
@@ -154,7 +154,7 @@ fn check_place(document: &Document<'_>, index: usize, file: &CameraFile) -> Resu
     match (&file.device, &file.card, &file.usb_path) {
         (Some(device), None, None) if device.is_absolute() => Ok(CameraAddress::Path(device.clone())),
         (Some(device), None, None) => {
-            Err(document.refuse(&key("device"), device.display(), "a path such as `/dev/video0`"))
+            Err(document.refuse(&key("device"), &device.display(), "a path such as `/dev/video0`"))
         }
         (None, Some(card), usb_path) if !card.trim().is_empty() => Ok(CameraAddress::Card {
             name: card.trim().to_owned(),
@@ -163,12 +163,12 @@ fn check_place(document: &Document<'_>, index: usize, file: &CameraFile) -> Resu
         (None, Some(card), _) => Err(document.refuse(&key("card"), card, "the camera's name, not empty")),
         (Some(device), ..) => Err(document.refuse(
             &key("device"),
-            device.display(),
+            &device.display(),
             "either `device`, or `card` and if needed `usb_path`",
         )),
         (None, None, _) => Err(document.refuse(
             &format!("camera[{index}]"),
-            "a camera without address",
+            &"a camera without address",
             "`device`, or `card` and if needed `usb_path`",
         )),
     }
@@ -192,7 +192,7 @@ fn check_formats(
     let is_repeated = |index: usize| formats[..index].contains(&formats[index]);
     if formats.is_empty() || (1..formats.len()).any(is_repeated) {
         let found = format!("{} formats", formats.len());
-        return Err(document.refuse(key, found, "at least one format, none twice"));
+        return Err(document.refuse(key, &found, "at least one format, none twice"));
     }
     Ok(formats)
 }
@@ -249,14 +249,14 @@ fn check_lockstep(
     let [leader] = scenes[..] else {
         let key = format!("camera[{}].role", cameras.len() - 1);
         let found = format!("{} cameras with the role scene", scenes.len());
-        return Err(document.refuse(&key, found, "exactly one"));
+        return Err(document.refuse(&key, &found, "exactly one"));
     };
     let defaults = LockstepSettings::default();
     let mains = match file.anti_flicker_hz.unwrap_or(0) {
         0 => Mains::Steady,
         50 => Mains::Hz50,
         60 => Mains::Hz60,
-        other => return Err(document.refuse("lockstep.anti_flicker_hz", other, "0, 50 or 60")),
+        other => return Err(document.refuse("lockstep.anti_flicker_hz", &other, "0, 50 or 60")),
     };
     let max_exposure_s = file.max_exposure_s.unwrap_or(defaults.max_exposure_s);
     Ok(LockstepSettings {
@@ -308,7 +308,7 @@ fn check_mode(
         ModeFile::Bracket => bracket.ok_or_else(|| {
             document.refuse(
                 "lockstep.mode",
-                "bracket",
+                &"bracket",
                 "another mode, as there is no camera besides the scene camera",
             )
         }),
@@ -325,7 +325,7 @@ fn check_fixed_ratio(
     for (name, &offset_ev) in &file.fixed_ratio.offsets_ev {
         let key = format!("lockstep.fixed_ratio.offsets_ev.{name}");
         let Some(index) = camera_index(cameras, name) else {
-            return Err(document.refuse(&key, offset_ev, format!("only names of cameras: {}", names(cameras))));
+            return Err(document.refuse(&key, &offset_ev, format!("only names of cameras: {}", names(cameras))));
         };
         offsets_ev[index] = document.number(&key, offset_ev, -OFFSET_MAX_EV..=OFFSET_MAX_EV)?;
     }
@@ -378,7 +378,7 @@ fn check_manual(document: &Document<'_>, manual: &ManualFile) -> Result<Mode, Co
         (None, None) => ManualWhiteBalance::Kelvin(5000.0),
         (Some(kelvin), Some(_)) => {
             let allowed = "either this or `white_balance_gains`";
-            return Err(document.refuse("lockstep.manual.white_balance_k", kelvin, allowed));
+            return Err(document.refuse("lockstep.manual.white_balance_k", &kelvin, allowed));
         }
     };
     let exposure_s = manual.exposure_s.unwrap_or(0.01);
@@ -392,13 +392,12 @@ fn check_manual(document: &Document<'_>, manual: &ManualFile) -> Result<Mode, Co
 fn check_record(document: &Document<'_>, record: RecordFile) -> Result<RecordConfig, ConfigError> {
     let directory = record.directory;
     if directory == Path::new("") {
-        return Err(document.refuse("record.directory", "", "a folder"));
+        return Err(document.refuse("record.directory", &"", "a folder"));
     }
     let max_queue_mb = record.max_queue_mb.unwrap_or(512);
     Ok(RecordConfig {
         directory: beside(document, directory),
         max_queue_mb: document.whole("record.max_queue_mb", max_queue_mb, 16..=65_536)?,
-        start: record.start.unwrap_or_default(),
     })
 }
 

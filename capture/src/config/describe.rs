@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::{CameraConfig, CaptureConfig, RecordStart};
+use super::{CameraConfig, CaptureConfig};
 use crate::lockstep::{Mains, ManualWhiteBalance, Mode};
 use crate::source::CameraRole;
 use crate::stamps::StampPolicy;
@@ -28,12 +28,8 @@ pub(super) fn describe(config: &CaptureConfig) -> String {
     let record = config.record.as_ref().map_or_else(
         || "never".to_owned(),
         |record| {
-            let start = match record.start {
-                RecordStart::Off => "when told to",
-                RecordStart::On => "from the start",
-            };
             format!(
-                "{start}, into `{}`, queue up to {} MB",
+                "from the start, into `{}`, queue up to {} MB",
                 record.directory.display(),
                 record.max_queue_mb
             )

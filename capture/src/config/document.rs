@@ -1,6 +1,6 @@
 //! A TOML text and where in it things are: turns what a reader says into errors with line and key.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
@@ -45,7 +45,7 @@ impl<'t> Document<'t> {
     }
 
     /// The error for a value that is not allowed.
-    pub(super) fn refuse(&self, key: &str, found: impl ToString, allowed: impl Into<String>) -> ConfigError {
+    pub(super) fn refuse(&self, key: &str, found: &dyn Display, allowed: impl Into<String>) -> ConfigError {
         ConfigError::Value {
             path: self.path.to_owned(),
             line: self.line_of(key),
@@ -60,13 +60,13 @@ impl<'t> Document<'t> {
         if allowed.contains(&value) {
             return Ok(value);
         }
-        Err(self.refuse(key, value, format!("{} to {}", allowed.start(), allowed.end())))
+        Err(self.refuse(key, &value, format!("{} to {}", allowed.start(), allowed.end())))
     }
 
     /// Checks that a whole number is in a range.
     pub(super) fn whole(&self, key: &str, value: i64, allowed: RangeInclusive<u32>) -> Result<u32, ConfigError> {
         let whole = u32::try_from(value).ok().filter(|whole| allowed.contains(whole));
-        whole.ok_or_else(|| self.refuse(key, value, format!("{} to {}", allowed.start(), allowed.end())))
+        whole.ok_or_else(|| self.refuse(key, &value, format!("{} to {}", allowed.start(), allowed.end())))
     }
 
     /// The file.

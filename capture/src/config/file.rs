@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use super::{LogFormat, RecordStart};
+use super::LogFormat;
 use crate::lockstep::tables::{ExposureTableConfig, GainTableConfig, SensitivityTableConfig, WhiteBalanceTableConfig};
 
 #[derive(Deserialize)]
@@ -160,7 +160,6 @@ pub(super) struct ManualFile {
 pub(super) struct RecordFile {
     pub(super) directory: PathBuf,
     pub(super) max_queue_mb: Option<i64>,
-    pub(super) start: Option<RecordStart>,
 }
 
 #[derive(Default, Deserialize)]

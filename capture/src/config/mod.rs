@@ -41,7 +41,7 @@ pub struct CaptureConfig {
     pub cameras: Vec<CameraConfig>,
     /// How exposure and white balance are chosen; cameras are indices into [`Self::cameras`].
     pub lockstep: LockstepSettings,
-    /// How the daemon records; None if it is not to.
+    /// How the daemon records, from the first frame on; None if it is not to.
     pub record: Option<RecordConfig>,
     /// How the daemon logs.
     pub log: LogFormat,
@@ -96,19 +96,6 @@ pub struct RecordConfig {
     pub directory: PathBuf,
     /// Most memory for frames that wait for the disk, 16 to 65536 MB of 10^6 bytes.
     pub max_queue_mb: u32,
-    /// Whether it records from the start.
-    pub start: RecordStart,
-}
-
-/// Whether the daemon records from the start.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RecordStart {
-    /// Only when told to.
-    #[default]
-    Off,
-    /// From the first frame on.
-    On,
 }
 
 /// How the daemon logs.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::checker::{CheckedStamp, SequenceEvent, StampBasis};
 
 /// Why a frame is missing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LossCause {
     /// The driver counted it but never handed it over: a gap in its sequence numbers.

@@ -87,6 +87,8 @@ pub struct RecorderStats {
     pub queued_bytes: u64,
     /// Frames that were given and will not be in the recording.
     pub lost_frames: u64,
+    /// Events that were given while thousands already waited, and will not be in the recording.
+    pub lost_events: u64,
     /// Time since the recording began, in seconds.
     pub elapsed_s: f64,
 }
@@ -102,7 +104,7 @@ impl RecorderStats {
 /// Writes frames of 1 to 16 cameras into an MCAP file.
 ///
 /// Frames wait as they are: their pixels are shared, so a pool that they come from must have as many buffers more.
-/// Dropped without [`Self::finish`], it ends the recording just as well but keeps errors to itself.
+/// Dropped without [`Self::finish`], it ends the recording just as well and logs what goes wrong.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
@@ -114,6 +116,7 @@ pub struct Recorder {
     shared: Arc<Shared>,
     queue_bytes: u64,
     lost_frames: u64,
+    lost_events: u64,
     started: Instant,
 }
 
@@ -127,7 +130,7 @@ struct Track {
     lost: u32,
 }
 
-/// Most notes that wait; more are dropped, which only a stopped disk and a giver of events without end can bring about.
+/// Most notes that wait; more are dropped and counted, which only a stopped disk and a giver of events without end can bring about.
 const PENDING_MAX: usize = 4096;
 
 impl Recorder {
@@ -198,6 +201,7 @@ impl Recorder {
             shared,
             queue_bytes: options.queue_bytes,
             lost_frames: 0,
+            lost_events: 0,
             started: Instant::now(),
         })
     }
@@ -257,6 +261,8 @@ impl Recorder {
     pub fn event(&mut self, event: RecordingEvent) {
         if self.pending.len() < PENDING_MAX {
             self.pending.push(Note::Event(event));
+        } else {
+            self.lost_events += 1;
         }
         self.send_pending();
     }
@@ -272,6 +278,7 @@ impl Recorder {
             queued_frames: load(&self.shared.queued_frames),
             queued_bytes: load(&self.shared.queued_bytes),
             lost_frames: self.lost_frames,
+            lost_events: self.lost_events,
             elapsed_s: self.started.elapsed().as_secs_f64(),
         }
     }
@@ -486,3 +493,6 @@ fn system_error(error: McapError) -> io::Error {
         other => io::Error::other(other),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -119,9 +119,12 @@ impl Surveyor<'_> {
         loop {
             match self.read(McapFile::next)? {
                 Found::Record(place) => self.take_record(place)?,
-                Found::Damage { from, to } => self.survey.damaged_bytes += to - from,
+                Found::Damage { from, to } => {
+                    self.settle_last_chunk()?;
+                    self.survey.damaged_bytes += to - from;
+                }
                 Found::End { is_complete, broken_at } => {
-                    self.settle_chunk()?;
+                    self.settle_last_chunk()?;
                     self.count();
                     self.survey.ending = self.ending(is_complete, broken_at)?;
                     return Ok(());
@@ -154,6 +157,12 @@ impl Surveyor<'_> {
             _ => {}
         }
         Ok(())
+    }
+
+    /// The same where what follows the chunk is missing: some of its indexes may be too.
+    fn settle_last_chunk(&mut self) -> Result<(), McapReadError> {
+        self.indexes.clear();
+        self.settle_chunk()
     }
 
     /// Counts what the chunk passed last holds; looks into it where the indexes do not tell.

@@ -4,7 +4,7 @@ use std::fs;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::daemon_rig::{KNOWN_LATENCY, SERVICE, ball_camera, scene_camera};
+use super::daemon_rig::{KNOWN_LATENCY, SERVICE, STATUS_SOCKET, ball_camera, scene_camera};
 use super::daemon_support::{PATIENCE, Program, Seen, Stage, output_of, start_daemon, with_daemon};
 use super::support::{ensure, say};
 
@@ -15,6 +15,7 @@ pub(super) fn daemon_and_reader_as_processes() -> Result<(), String> {
         record_to_the_end()?;
         kill_the_reader(stage)?;
         kill_the_daemon(stage)?;
+        tell_how_it_is()?;
         let began = Instant::now();
         let status = stage.daemon.terminate()?;
         println!("    ended {:.2?} after SIGTERM with {status}", began.elapsed());
@@ -42,8 +43,8 @@ fn kill_the_reader(stage: &mut Stage) -> Result<(), String> {
     let path = "/tmp/killed.mcap";
     let mut recorder = Program::start("killed", &["record", "--out", path, "--service", SERVICE])?;
     let deadline = Instant::now() + PATIENCE;
-    // Progress is told once a second.
-    while !recorder.log().contains("recorded ") {
+    // Progress is told once a second, and what was recorded is safe once a second.
+    while recorder.log().matches("recorded ").count() < 3 {
         ensure(Instant::now() < deadline, || {
             format!("nothing recorded: {}", recorder.log())
         })?;
@@ -82,4 +83,15 @@ fn kill_the_daemon(stage: &mut Stage) -> Result<(), String> {
     );
     ensure(changes == 1, || format!("{changes} changes of publisher"))?;
     stage.reader.sets(8).map(|_| ())
+}
+
+fn tell_how_it_is() -> Result<(), String> {
+    // What it tells is up to a second old, and it has only just started.
+    thread::sleep(Duration::from_millis(1200));
+    let text = output_of(&["status", "--socket", STATUS_SOCKET])?;
+    println!("    {}", text.trim_end().replace('\n', "\n    "));
+    let json = output_of(&["status", "--json", "--socket", STATUS_SOCKET])?;
+    ensure(json.matches("\"streaming\"").count() == 2, || {
+        format!("two cameras that stream: {json}")
+    })
 }

@@ -15,6 +15,8 @@ pub(super) const SIZE: (u32, u32) = (320, 240);
 pub(super) const RATE_HZ: f64 = 15.0;
 /// Name under which the daemon publishes.
 pub(super) const SERVICE: &str = "drivers";
+/// Where the daemon tells how it is.
+pub(super) const STATUS_SOCKET: &str = "/tmp/mirrorball/status.sock";
 /// Where the daemon's configuration is written.
 pub(super) const CONFIG: &str = "/tmp/capture.toml";
 
@@ -83,8 +85,9 @@ pub(super) const KNOWN_LATENCY: &str = "max_exposure_s = 0.03\nmeasure_latency =
 
 /// Writes the configuration of the daemon.
 pub(super) fn write_config(cameras: &[Camera], lockstep: &str) -> Result<(), String> {
-    let mut text =
-        format!("version = 1\n[service]\nname = \"{SERVICE}\"\nmax_skew_ms = 120.0\n[lockstep]\n{lockstep}\n");
+    let mut text = format!(
+        "version = 1\n[service]\nname = \"{SERVICE}\"\nmax_skew_ms = 120.0\nstatus_socket = \"{STATUS_SOCKET}\"\n[lockstep]\n{lockstep}\n"
+    );
     for camera in cameras {
         text += &format!(
             "[[camera]]\nname = \"{}\"\nrole = \"{}\"\ncard = \"{}\"\nsize_px = [{}, {}]\n{}\n",

@@ -9,12 +9,13 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use mirrorball_capture::handover::{self, Received, Subscriber};
+use mirrorball_capture::status::{self, Status};
 use mirrorball_capture::{FrameMeta, FrameSet, PixelFormat};
 use mirrorball_driver_tests::webcam::jpeg::commented_counter;
 use mirrorball_driver_tests::webcam::{Webcam, counter};
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::daemon_rig::{CONFIG, Camera, SERVICE, write_config};
+use super::daemon_rig::{CONFIG, Camera, SERVICE, STATUS_SOCKET, write_config};
 use super::support::{ensure, say};
 
 /// How long a set, a process or a file may take on a busy machine before something is wrong.
@@ -275,6 +276,11 @@ pub(super) fn start_daemon() -> Result<Program, String> {
 }
 
 impl Stage {
+    /// What the daemon tells whoever asks; at most a second old.
+    pub(super) fn status(&self) -> Result<Status, String> {
+        status::fetch(Path::new(STATUS_SOCKET)).map_err(say)
+    }
+
     /// Ends the daemon as the service manager does and returns its account of each camera.
     pub(super) fn end(&mut self) -> Result<Vec<Account>, String> {
         let status = self.daemon.terminate()?;

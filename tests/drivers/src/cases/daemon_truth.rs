@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use mirrorball_driver_tests::webcam::scene::Light;
 use mirrorball_driver_tests::webcam::truth::FrameTruth;
 
+use super::daemon_rig::RATE_HZ;
 use super::daemon_support::{PATIENCE, Seen, Stage, frame_of};
 use super::support::ensure;
 
@@ -102,7 +103,7 @@ pub(super) struct Match {
     pub(super) n_untrue: usize,
     pub(super) worst_error_ev: f64,
     pub(super) n_pairs: usize,
-    /// Greatest difference between two frames of a set, after the correction they carry.
+    /// Greatest difference between two frames of one moment, after the correction they carry.
     pub(super) worst_mismatch_ev: f64,
 }
 
@@ -113,16 +114,19 @@ impl Match {
     pub(super) fn of(stage: &Stage, sets: &[Vec<Seen>]) -> Result<Self, String> {
         let mut found = Self::default();
         for set in sets {
-            let mut green = Vec::with_capacity(2);
+            let mut pair = Vec::with_capacity(2);
             for (index, name) in ["scene", "ball"].into_iter().enumerate() {
                 let Some(seen) = frame_of(set, name) else { continue };
                 let judged = stage.judge(index, seen)?;
                 found.n_frames += 1;
                 found.n_untrue += usize::from(!judged.is_true());
                 found.worst_error_ev = found.worst_error_ev.max(judged.exposure_error_ev.abs());
-                green.push(judged.factors[1]);
+                pair.push((seen.meta.timestamp_ns, judged.factors[1]));
             }
-            if let [scene, ball] = green[..] {
+            // Frames further apart than half an interval, as one between them was lost, may have different aims.
+            if let [(scene_ns, scene), (ball_ns, ball)] = pair[..]
+                && scene_ns.abs_diff(ball_ns) as f64 * 1e-9 < 0.5 / RATE_HZ
+            {
                 found.n_pairs += 1;
                 found.worst_mismatch_ev = found.worst_mismatch_ev.max((ball / scene).log2().abs());
             }

@@ -11,20 +11,21 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use delta_e::{delta_e_2000, lab};
+use image::imageops;
 use mirrorball_driver_tests::webcam::scene::{Film, LinearPicture, Scene};
 use mirrorball_driver_tests::webcam::truth::FrameTruth;
 
 use super::daemon_rig::{KNOWN_LATENCY, ball_camera, scene_camera};
 use super::daemon_support::{Seen, Stage, frame_of, with_daemon};
-use super::daemon_truth::{Match, set_light, wait_until_still};
+use super::daemon_truth::{Match, set_light, wait_until, wait_until_still};
 use super::support::{ensure, say};
 
 /// Most by which an exposure on its way may go past where it ends.
 const OVERSHOOT_EV: f64 = 0.3;
-/// An exposure this near to where it ends has settled.
+/// An exposure, and a gain of the white balance, this near to where it ends has settled.
 const SETTLED_EV: f64 = 0.05;
-/// Most frames until then, after a jump of four stops.
-const SETTLED_FRAMES: usize = 25;
+/// Most frames until then, after a jump of four stops or to light of another colour.
+const SETTLED_FRAMES: usize = 40;
 /// Most changes of exposure that a settled camera asks for within a phase.
 const CHANGES_AFTER: usize = 3;
 /// Mean colour difference between the cameras.
@@ -36,8 +37,22 @@ pub(super) fn two_webcams_are_kept_in_step() -> Result<(), String> {
     let [scene, ball] = [scene_camera(), ball_camera()].map(|camera| super::daemon_rig::Camera { keys: "", ..camera });
     with_daemon(&[scene, ball], "max_exposure_s = 0.03", |stage| {
         let begun = Instant::now();
+        wait_until(stage, "latencies that are known", |stage| {
+            stage
+                .status()
+                .is_ok_and(|status| status.cameras.iter().all(|camera| camera.is_latency_known))
+        })?;
+        let latencies: Vec<_> = stage
+            .status()?
+            .cameras
+            .iter()
+            .map(|camera| camera.latency_frames)
+            .collect();
+        println!("    latencies {latencies:?} measured after {:.1?}", begun.elapsed());
+        ensure(latencies == [Some(2), Some(4)], || {
+            format!("latencies of 2 and 4 frames, found {latencies:?}")
+        })?;
         wait_until_still(stage)?;
-        println!("    latencies measured and settled after {:.1?}", begun.elapsed());
         for (level_ev, temperature_k, n_sets) in [(4.0, 6504.0, 40), (0.0, 6504.0, 40), (0.0, 3200.0, 60)] {
             set_light(stage, level_ev, temperature_k);
             let sets = stage.reader.sets(n_sets)?;
@@ -77,7 +92,7 @@ impl Figures {
         let last_other = frames.iter().rposition(|frame| frame.light != light);
         let after = &frames[last_other.map_or(first.unwrap_or(0), |index| index + 1)..];
         let first_counter = after.first().ok_or("the light never changed")?.counter;
-        let (settled_after, overshoot_ev) = course(after);
+        let (settled_after, overshoot_ev) = course(stage, after);
         let requested: Vec<_> = after[settled_after..]
             .iter()
             .map(|frame| (frame.requested.exposure_100us, frame.requested.gain))
@@ -119,7 +134,7 @@ impl fmt::Display for Figures {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             formatter,
-            "settled after {} frames, {:.2} EV past it, {} changes after; \n      all: {}\n      from the third frame: \
+            "settled after {} frames, {:.2} EV past it, {} changes after\n      all: {}\n      from the third frame: \
              {}\n      settled: {}, ΔE00 {:.2} mean",
             self.settled_after,
             self.overshoot_ev,
@@ -132,22 +147,27 @@ impl fmt::Display for Figures {
     }
 }
 
-/// Frames until the exposure had settled, and by how much it went past where it ended, in steps.
-fn course(frames: &[FrameTruth]) -> (usize, f64) {
+/// Frames until the exposure and the white balance had settled, and by how much the exposure went past where it ended,
+/// in steps.
+fn course(stage: &Stage, frames: &[FrameTruth]) -> (usize, f64) {
     let Some((first, last)) = frames.first().zip(frames.last()) else {
         return (0, 0.0);
     };
-    let end = f64::from(last.exposure).log2();
-    let off: Vec<f64> = frames
+    let exposure_ev = |frame: &FrameTruth| f64::from(frame.exposure).log2() - f64::from(last.exposure).log2();
+    let gains = |frame: &FrameTruth| stage.webcams[0].sensor().white_balance_gains(frame.settings);
+    let end = gains(last);
+    let white_balance_ev = |frame: &FrameTruth| {
+        let gains = gains(frame);
+        let off = [0, 2].map(|channel| f64::from(gains[channel] / end[channel]).log2().abs());
+        off[0].max(off[1])
+    };
+    let is_off = |frame: &FrameTruth| exposure_ev(frame).abs() > SETTLED_EV || white_balance_ev(frame) > SETTLED_EV;
+    let settled = frames.iter().rposition(is_off).map_or(0, |index| index + 1);
+    let direction = -exposure_ev(first).signum();
+    let past = frames
         .iter()
-        .map(|frame| f64::from(frame.exposure).log2() - end)
-        .collect();
-    let settled = off
-        .iter()
-        .rposition(|ev| ev.abs() > SETTLED_EV)
-        .map_or(0, |index| index + 1);
-    let direction = (end - f64::from(first.exposure).log2()).signum();
-    let past = off.iter().map(|ev| ev * direction).fold(0.0, f64::max);
+        .map(|frame| exposure_ev(frame) * direction)
+        .fold(0.0, f64::max);
     (settled, past)
 }
 
@@ -208,6 +228,7 @@ fn recorded(camera: &str) -> Result<Vec<LinearPicture>, String> {
         };
         if name == camera {
             let picture = image::open(folder.join(file)).map_err(say)?.to_rgb8();
+            let picture = imageops::resize(&picture, 320, 240, imageops::FilterType::Nearest);
             let exposure: f32 = exposure_s.parse().map_err(say)?;
             let gain: f32 = gain.parse().map_err(say)?;
             pictures.push(LinearPicture::from_recorded(&picture, exposure * gain / 0.01));

@@ -6,6 +6,8 @@
 //! daemon checks stamps, measures each picture for the exposure, pairs and publishes, as it does with real ones. What
 //! the kernel's driver costs is not in it. Beside it, in the same run: a bare copy of as many bytes.
 
+#![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

@@ -7,6 +7,8 @@
 //! sender's hands to when its last byte can be read by the reader. `copied` includes the copy of the picture into
 //! shared memory, for drivers that cannot write there themselves.
 
+#![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
+
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::{Command, Stdio};

@@ -42,6 +42,10 @@ pub const SIDE_MAX_PX: u32 = 16_384;
 
 /// What [`Source::next_frame`] found.
 #[derive(Debug, Clone)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly always a frame; a box would be an allocation per frame"
+)]
 pub enum Next {
     /// A frame.
     Frame(Frame),

@@ -40,6 +40,8 @@ pub(crate) enum CommandError {
     Status(#[from] StatusError),
     #[error("cannot find out which user this is")]
     Environment(#[source] io::Error),
+    #[error("cannot reach the service manager that `NOTIFY_SOCKET` names")]
+    Notify(#[source] io::Error),
     #[error("cannot read rig file `{}`", path.display())]
     ReadRig {
         path: PathBuf,

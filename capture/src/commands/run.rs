@@ -49,22 +49,21 @@ pub(crate) fn run(config: &CaptureConfig, config_path: &Path, stop: &AtomicBool)
         lockstep: config.lockstep.clone(),
         max_skew: config.service.max_skew,
     };
+    let mut notifier = Notifier::from_process().map_err(CommandError::Notify)?;
     let started = Instant::now();
-    let (server, board, first) = serve_status(config)?;
-    let mut notifier = Notifier::from_process().map_err(CommandError::Environment)?;
+    let first = Status::starting(&config.service.name);
+    let board = StatusBoard::new(first.clone());
+    let _server = serve_status(config, &board);
     let mut daemon = Daemon::start(cameras, settings, publisher, recorder)?;
+    tracing::info!("publishing on service `{}`", config.service.name);
     notifier.ready();
-    tracing::info!(
-        "publishing on service `{}`, status on `{}`",
-        config.service.name,
-        server.path().display()
-    );
     let result = daemon.run(stop, &mut |report| {
         let status = first.with_report(report, started.elapsed().as_secs_f64());
         notifier.status(&status.summary());
+        // From the hub, once a second: if that stands still, so does the daemon.
         notifier.beat();
-        tracing::debug!("{}", in_one_line(report));
         board.put(status);
+        tracing::debug!("{}", in_one_line(report));
     });
     notifier.stopping();
     let (report, recorder) = daemon.finish()?;
@@ -76,14 +75,27 @@ pub(crate) fn run(config: &CaptureConfig, config_path: &Path, stop: &AtomicBool)
     Ok(result?)
 }
 
-fn serve_status(config: &CaptureConfig) -> Result<(StatusServer, StatusBoard, Status), CommandError> {
-    let socket = match &config.service.status_socket {
-        Some(socket) => socket.clone(),
-        None => default_socket(&SocketEnvironment::from_process().map_err(CommandError::Environment)?),
+/// Serves the status, if that can be: frames matter more.
+fn serve_status(config: &CaptureConfig, board: &StatusBoard) -> Option<StatusServer> {
+    let path = match (&config.service.status_socket, SocketEnvironment::from_process()) {
+        (Some(path), _) => path.clone(),
+        (None, Ok(environment)) => default_socket(&environment),
+        (None, Err(error)) => {
+            tracing::warn!("the status is not served, as it is not known which user this is: {error}");
+            return None;
+        }
     };
-    let first = Status::starting(&config.service.name);
-    let board = StatusBoard::new(first.clone());
-    Ok((StatusServer::start(&socket, board.clone())?, board, first))
+    match StatusServer::start(&path, board.clone()) {
+        Ok(server) => {
+            tracing::info!("status on `{}`", path.display());
+            Some(server)
+        }
+        Err(error) => {
+            let reason = error.source().map_or_else(String::new, |reason| format!(": {reason}"));
+            tracing::warn!("the status is not served: {error}{reason}; {}", error.hint());
+            None
+        }
+    }
 }
 
 fn setup(camera: &CameraConfig, mains: Mains) -> CameraSetup {

@@ -278,12 +278,12 @@ impl ProcessSubscriber {
         let record = packet::decode(sample.payload()).map_err(|source| self.bad_packet(source))?;
         let publisher = sample.origin().value();
         let number = record.number;
-        let set = self.assemble(record)?;
+        let set = self.assemble(&record)?;
         Ok(set.map(|set| NumberedSet { publisher, number, set }))
     }
 
     /// Puts pixels and records together; none if pixels are missing, because newer ones have pushed them out.
-    fn assemble(&self, record: packet::SetRecord) -> Result<Option<FrameSet>, HandoverError> {
+    fn assemble(&self, record: &packet::SetRecord) -> Result<Option<FrameSet>, HandoverError> {
         let mut frames = Vec::with_capacity(record.frames.len());
         for frame in &record.frames {
             let Some(pixels) = self.blocks.find(record.place_of(frame)) else {

@@ -22,7 +22,7 @@ use crate::daemon::{CameraReport, CameraStage, Report};
 use crate::lockstep::latency::LatencySource;
 use crate::stamps::{LossCause, StampBasis};
 
-/// The daemon and its cameras. Numbers that are not known are left out.
+/// The daemon and its cameras. What is not known is null.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Version of the program.
@@ -35,7 +35,7 @@ pub struct Status {
     pub uptime_s: f64,
     /// Cameras in the order of the configuration.
     pub cameras: Vec<CameraStatus>,
-    /// Differences in time within sets; left out without a second camera.
+    /// Differences in time within sets; null without a second camera.
     pub skew: Option<SkewStatus>,
     /// Frame sets.
     pub sets: SetsStatus,

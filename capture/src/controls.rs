@@ -71,6 +71,13 @@ impl<T: Copy> PerControl<T> {
         self.0[kind as usize] = Some(value);
     }
 
+    /// Takes over all there is in `newer`.
+    pub fn merge(&mut self, newer: &Self) {
+        for (kind, value) in newer.iter() {
+            self.set(kind, value);
+        }
+    }
+
     /// All there is, in the order of [`ControlKind::ALL`].
     pub fn iter(&self) -> impl Iterator<Item = (ControlKind, T)> + '_ {
         ControlKind::ALL

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::Sender;
 
-use super::control_thread;
+use super::control_thread::{self, ControlTask};
 use super::device::{Controls, Device, Mode, OpenCamera};
 use super::event::{Captured, Event, OpenControls, Opened, Tally, What};
 use crate::decode::is_whole_jpeg;
@@ -172,14 +172,14 @@ impl CameraThread {
         }
         let ranges = controls.ranges();
         let started = controls.read().map_err(|error| with_causes(&error)).and_then(|values| {
-            let requests = control_thread::start(
-                self.camera,
-                &self.name,
+            let task = ControlTask {
+                camera: self.camera,
                 controls,
-                self.last_sequence.clone(),
-                self.events.clone(),
-            )
-            .map_err(|error| with_causes(&error))?;
+                values,
+                last_sequence: self.last_sequence.clone(),
+                events: self.events.clone(),
+            };
+            let requests = control_thread::start(&self.name, task).map_err(|error| with_causes(&error))?;
             Ok((values, requests))
         });
         match started {
@@ -307,9 +307,9 @@ impl CameraThread {
     }
 
     fn take_loss(&mut self, loss: &Loss) {
-        let sequence = loss
-            .sequence
-            .and_then(|sequence| self.checker.place(sequence, loss.dequeued_ns));
+        // Buffers that a failed transfer leaves empty have no number of their own, whatever the driver writes there.
+        let numbered = loss.sequence.filter(|_| loss.cause != v4l2::LossCause::Empty);
+        let sequence = numbered.and_then(|sequence| self.checker.place(sequence, loss.dequeued_ns));
         let cause = match loss.cause {
             v4l2::LossCause::ErrorFlag => LossCause::ErrorFrame,
             v4l2::LossCause::Short { .. } | v4l2::LossCause::Long { .. } => LossCause::ShortFrame,

@@ -1,10 +1,14 @@
 //! Sets the controls of one open camera, on a thread of its own: a USB camera may take a frame's time to answer, or
 //! seconds when it is in trouble, and nobody else should wait for that.
+//!
+//! Between requests it looks whether the values are still those that were set: of a webcam whose firmware switches an
+//! automatic mode on nobody is told.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 
 use super::device::Controls;
 use super::event::{Event, What};
@@ -15,56 +19,119 @@ use crate::v4l2::ControlError;
 /// Requests that may wait. A camera that is slower than this is told only the newest.
 const WAITING_MAX: usize = 4;
 
+/// Without a request the values are looked at so often.
+const LOOK_INTERVAL: Duration = Duration::from_millis(500);
+
+/// What the thread is told.
+pub(super) struct ControlTask {
+    /// Index of the camera.
+    pub(super) camera: usize,
+    /// Its controls.
+    pub(super) controls: Box<dyn Controls>,
+    /// Their values now.
+    pub(super) values: ControlValues,
+    /// Number of the last frame taken from the camera, kept up to date by the thread that takes them.
+    pub(super) last_sequence: Arc<AtomicU64>,
+    /// To the hub.
+    pub(super) events: Sender<Event>,
+}
+
 /// Starts the thread and returns the way to it. It ends when that is dropped, after the call it is in.
-///
-/// `last_sequence` is the number of the last frame taken from the camera, kept up to date by the thread that takes them.
 ///
 /// # Errors
 ///
 /// The system has no thread to give.
-pub(super) fn start(
-    camera: usize,
-    name: &str,
-    controls: Box<dyn Controls>,
-    last_sequence: Arc<AtomicU64>,
-    events: Sender<Event>,
-) -> std::io::Result<Sender<Request>> {
+pub(super) fn start(name: &str, mut task: ControlTask) -> std::io::Result<Sender<Request>> {
     let (requests, incoming) = bounded(WAITING_MAX);
     std::thread::Builder::new()
         .name(format!("controls {name}"))
-        .spawn(move || serve(camera, &*controls, &incoming, &last_sequence, &events))?;
+        .spawn(move || task.serve(&incoming))?;
     Ok(requests)
 }
 
-fn serve(
-    camera: usize,
-    controls: &dyn Controls,
-    incoming: &Receiver<Request>,
-    last_sequence: &AtomicU64,
-    events: &Sender<Event>,
-) {
-    while let Ok(request) = incoming.recv() {
-        let what = match carry_out(controls, &request) {
-            Ok(read_back) => What::Applied {
-                id: request.id,
-                read_back,
-                // The number alone counts; nothing else is read on its strength.
-                first_sequence_after: last_sequence.load(Ordering::Relaxed) + 1,
-            },
-            Err(error) => What::Refused {
-                id: request.id,
-                reason: error.to_string(),
-            },
-        };
-        if events.send(Event { camera, what }).is_err() {
-            return;
+impl ControlTask {
+    /// Serves until nobody can ask any more, or nobody listens.
+    fn serve(&mut self, incoming: &Receiver<Request>) {
+        loop {
+            let goes_on = match incoming.recv_timeout(LOOK_INTERVAL) {
+                Ok(request) => self.answer(&request),
+                Err(RecvTimeoutError::Timeout) => self.look(),
+                Err(RecvTimeoutError::Disconnected) => false,
+            };
+            if !goes_on {
+                return;
+            }
         }
     }
-}
 
-fn carry_out(controls: &dyn Controls, request: &Request) -> Result<ControlValues, ControlError> {
-    if request.asserts_manual {
-        controls.take_manual()?;
+    fn answer(&mut self, request: &Request) -> bool {
+        match self.carry_out(request) {
+            Ok(read_back) => {
+                self.values.merge(&read_back);
+                self.send(What::Applied {
+                    id: request.id,
+                    read_back,
+                    first_sequence_after: self.next_sequence(),
+                })
+            }
+            Err(error) => {
+                // Of several values those before the refused one are set: what is in force has to be asked for.
+                let is_told = self.controls.read().map_or(true, |values| {
+                    self.values = values;
+                    self.send(What::Found {
+                        values,
+                        first_sequence_after: self.next_sequence(),
+                    })
+                });
+                let (id, reason) = (request.id, error.to_string());
+                let is_automatic = matches!(
+                    error,
+                    ControlError::AutoStillOn { .. } | ControlError::AutoStays { .. } | ControlError::Refused { .. }
+                );
+                is_told
+                    && self.send(What::Refused {
+                        id,
+                        reason,
+                        is_automatic,
+                    })
+            }
+        }
     }
-    controls.set(&request.values)
+
+    fn carry_out(&self, request: &Request) -> Result<ControlValues, ControlError> {
+        if request.asserts_manual {
+            self.controls.take_manual()?;
+        }
+        self.controls.set(&request.values)
+    }
+
+    /// Looks whether somebody has changed the values.
+    fn look(&mut self) -> bool {
+        // A camera that does not answer now will be missed by those who take its frames.
+        let Ok(values) = self.controls.read() else {
+            return true;
+        };
+        if values == self.values {
+            return true;
+        }
+        self.values = values;
+        let first_sequence_after = self.next_sequence();
+        self.send(What::Drifted)
+            && self.send(What::Found {
+                values,
+                first_sequence_after,
+            })
+    }
+
+    /// Number of the first frame that is taken from the camera after this.
+    fn next_sequence(&self) -> u64 {
+        // The number alone counts; nothing else is read on its strength.
+        self.last_sequence.load(Ordering::Relaxed) + 1
+    }
+
+    /// Tells the hub; false if it is gone.
+    fn send(&self, what: What) -> bool {
+        let camera = self.camera;
+        self.events.send(Event { camera, what }).is_ok()
+    }
 }

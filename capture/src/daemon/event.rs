@@ -36,8 +36,19 @@ pub(super) enum What {
         read_back: ControlValues,
         first_sequence_after: u64,
     },
-    /// A request was refused.
-    Refused { id: RequestId, reason: String },
+    /// A request was refused; perhaps because an automatic mode is on.
+    Refused {
+        id: RequestId,
+        reason: String,
+        is_automatic: bool,
+    },
+    /// Values read from the camera, not those of a request; they are its values from the frame with this number on.
+    Found {
+        values: ControlValues,
+        first_sequence_after: u64,
+    },
+    /// Values have changed that nobody asked to change.
+    Drifted,
     /// A picture was measured.
     Measured { sequence: u64, statistics: Box<Statistics> },
     /// A picture could not be decoded.

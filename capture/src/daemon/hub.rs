@@ -15,7 +15,7 @@ use crate::grouping::Grouper;
 use crate::handover::{HandoverError, Publisher};
 use crate::lockstep::latency::LatencySource;
 use crate::lockstep::tables::Tables;
-use crate::lockstep::{Lockstep, LockstepCamera, LockstepSettings, Request};
+use crate::lockstep::{Lockstep, LockstepCamera, LockstepSettings, Request, RequestId};
 use crate::meter::{Meter, Response};
 use crate::recording::mcap::{EventKind, Recorder, RecordingEvent};
 use crate::source::{CameraDescription, CameraRole};
@@ -169,13 +169,34 @@ impl Hub {
                 read_back,
                 first_sequence_after,
             } => {
-                self.cameras[camera].values = read_back;
+                self.cameras[camera].values.merge(&read_back);
                 self.lockstep.on_applied(camera, id, &read_back, first_sequence_after);
             }
-            What::Refused { id, reason } => {
+            What::Refused {
+                id,
+                reason,
+                is_automatic,
+            } => {
                 self.cameras[camera].report.refused_requests += 1;
                 tracing::debug!(camera = %self.cameras[camera].report.name, "request refused: {reason}");
                 self.lockstep.on_refused(camera, id);
+                if is_automatic {
+                    // The next request takes the camera back first; where that is not the reason it does no harm.
+                    self.lockstep.on_auto_mode_found(camera);
+                }
+            }
+            What::Found {
+                values,
+                first_sequence_after,
+            } => {
+                self.cameras[camera].values.merge(&values);
+                self.lockstep
+                    .on_applied(camera, NOBODYS_REQUEST, &values, first_sequence_after);
+            }
+            What::Drifted => {
+                self.cameras[camera].report.auto_modes_found += 1;
+                self.note(camera, "controls have changed by themselves".to_owned());
+                self.lockstep.on_auto_mode_found(camera);
             }
             What::Measured { sequence, statistics } => {
                 self.lockstep.on_statistics(camera, sequence, &statistics);
@@ -442,6 +463,9 @@ impl Hub {
         Ok((report, self.recorder))
     }
 }
+
+/// The number of no request: values that were not asked for.
+const NOBODYS_REQUEST: RequestId = RequestId(u64::MAX);
 
 /// Exposure of a frame of which nothing is known.
 const UNKNOWN_EXPOSURE: Exposure = Exposure {

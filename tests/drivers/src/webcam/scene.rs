@@ -164,11 +164,23 @@ impl LinearPicture {
         let linear: Vec<f32> = (0..=255_u8)
             .map(|code| srgb_to_linear(f32::from(code) / 255.0) / exposure)
             .collect();
-        let radiances: Vec<[f32; 3]> = picture
-            .pixels()
-            .map(|pixel| pixel.0.map(|code| linear[usize::from(code)]))
-            .collect();
-        Self::new(picture.width() as usize, picture.height() as usize, &radiances)
+        let logs: Vec<u16> = linear.iter().map(|radiance| log_code(*radiance)).collect();
+        let mut sum = [0.0_f64; 3];
+        for pixel in picture.pixels() {
+            for channel in 0..3 {
+                sum[channel] += f64::from(linear[usize::from(pixel.0[channel])]);
+            }
+        }
+        let n_pixels = f64::from(picture.width()) * f64::from(picture.height());
+        Self {
+            width: picture.width() as usize,
+            height: picture.height() as usize,
+            log_codes: picture
+                .pixels()
+                .map(|pixel| pixel.0.map(|code| logs[usize::from(code)]))
+                .collect(),
+            mean: sum.map(|channel| (channel / n_pixels) as f32),
+        }
     }
 
     /// Mean radiance.

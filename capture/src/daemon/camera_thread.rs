@@ -2,7 +2,7 @@
 //! that stands still, and looks for the camera again when it is gone.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -64,7 +64,6 @@ pub(super) fn start(task: CameraTask, events: Sender<Event>, stop: Arc<AtomicBoo
         pool: task.pool,
         checker,
         ledger: LossLedger::new(task.stamps.interval_ns),
-        last_sequence: Arc::default(),
         opened: 0,
         restarts: 0,
         last_tally: Instant::now(),
@@ -84,7 +83,6 @@ struct CameraThread {
     pool: Box<dyn Pool>,
     checker: StampChecker,
     ledger: LossLedger,
-    last_sequence: Arc<AtomicU64>,
     opened: u64,
     restarts: u64,
     last_tally: Instant,
@@ -176,7 +174,6 @@ impl CameraThread {
                 camera: self.camera,
                 controls,
                 values,
-                last_sequence: self.last_sequence.clone(),
                 events: self.events.clone(),
             };
             let requests = control_thread::start(&self.name, task).map_err(|error| with_causes(&error))?;
@@ -286,7 +283,6 @@ impl CameraThread {
         match self.checker.check(stamp) {
             Checked::Frame(checked) => {
                 let lost_before = self.ledger.delivered(&checked);
-                self.last_sequence.store(checked.sequence, Ordering::Relaxed);
                 self.send(What::Frame(Captured {
                     sequence: checked.sequence,
                     timestamp_ns: checked.timestamp_ns,

@@ -4,8 +4,6 @@
 //! Between requests it looks whether the values are still those that were set: of a webcam whose firmware switches an
 //! automatic mode on nobody is told.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -14,7 +12,7 @@ use super::device::Controls;
 use super::event::{Event, What};
 use crate::controls::ControlValues;
 use crate::lockstep::Request;
-use crate::v4l2::ControlError;
+use crate::v4l2::{ControlError, monotonic_ns};
 
 /// Requests that may wait. A camera that is slower than this is told only the newest.
 const WAITING_MAX: usize = 4;
@@ -30,8 +28,6 @@ pub(super) struct ControlTask {
     pub(super) controls: Box<dyn Controls>,
     /// Their values now.
     pub(super) values: ControlValues,
-    /// Number of the last frame taken from the camera, kept up to date by the thread that takes them.
-    pub(super) last_sequence: Arc<AtomicU64>,
     /// To the hub.
     pub(super) events: Sender<Event>,
 }
@@ -66,23 +62,17 @@ impl ControlTask {
 
     fn answer(&mut self, request: &Request) -> bool {
         match self.carry_out(request) {
-            Ok(read_back) => {
+            Ok((read_back, accepted_ns)) => {
                 self.values.merge(&read_back);
                 self.send(What::Applied {
                     id: request.id,
                     read_back,
-                    first_sequence_after: self.next_sequence(),
+                    accepted_ns,
                 })
             }
             Err(error) => {
                 // Of several values those before the refused one are set: what is in force has to be asked for.
-                let is_told = self.controls.read().map_or(true, |values| {
-                    self.values = values;
-                    self.send(What::Found {
-                        values,
-                        first_sequence_after: self.next_sequence(),
-                    })
-                });
+                let is_told = self.controls.read().map_or(true, |values| self.found(values));
                 let (id, reason) = (request.id, error.to_string());
                 let is_automatic = matches!(
                     error,
@@ -98,11 +88,15 @@ impl ControlTask {
         }
     }
 
-    fn carry_out(&self, request: &Request) -> Result<ControlValues, ControlError> {
+    /// Sets the values of a request; returns what the camera has made of them, and since when.
+    fn carry_out(&self, request: &Request) -> Result<(ControlValues, u64), ControlError> {
         if request.asserts_manual {
             self.controls.take_manual()?;
         }
-        self.controls.set(&request.values)
+        let begun_ns = monotonic_ns();
+        let read_back = self.controls.set(&request.values)?;
+        // Half of that time goes into setting the values, the other half into reading them back.
+        Ok((read_back, begun_ns.midpoint(monotonic_ns())))
     }
 
     /// Looks whether somebody has changed the values.
@@ -111,22 +105,14 @@ impl ControlTask {
         let Ok(values) = self.controls.read() else {
             return true;
         };
-        if values == self.values {
-            return true;
-        }
-        self.values = values;
-        let first_sequence_after = self.next_sequence();
-        self.send(What::Drifted)
-            && self.send(What::Found {
-                values,
-                first_sequence_after,
-            })
+        values == self.values || (self.send(What::Drifted) && self.found(values))
     }
 
-    /// Number of the first frame that is taken from the camera after this.
-    fn next_sequence(&self) -> u64 {
-        // The number alone counts; nothing else is read on its strength.
-        self.last_sequence.load(Ordering::Relaxed) + 1
+    /// Takes note of values that were read.
+    fn found(&mut self, values: ControlValues) -> bool {
+        self.values = values;
+        let accepted_ns = monotonic_ns();
+        self.send(What::Found { values, accepted_ns })
     }
 
     /// Tells the hub; false if it is gone.

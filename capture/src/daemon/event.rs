@@ -30,11 +30,11 @@ pub(super) enum What {
     Tally(Box<Tally>),
     /// Somebody switched an automatic mode on.
     AutoModeFound(AutoMode),
-    /// A request was accepted; these are the values now, from the frame with this number on.
+    /// A request was accepted at this time on the monotonic clock; these are the values now.
     Applied {
         id: RequestId,
         read_back: ControlValues,
-        first_sequence_after: u64,
+        accepted_ns: u64,
     },
     /// A request was refused; perhaps because an automatic mode is on.
     Refused {
@@ -42,11 +42,8 @@ pub(super) enum What {
         reason: String,
         is_automatic: bool,
     },
-    /// Values read from the camera, not those of a request; they are its values from the frame with this number on.
-    Found {
-        values: ControlValues,
-        first_sequence_after: u64,
-    },
+    /// Values read from the camera at this time, not those of a request.
+    Found { values: ControlValues, accepted_ns: u64 },
     /// Values have changed that nobody asked to change.
     Drifted,
     /// A picture was measured.

@@ -26,6 +26,21 @@ const SKEWS_MAX: usize = 256;
 /// Shortest time between two pictures of a camera that are measured: thirty a second are enough to decide by.
 const MEASURE_INTERVAL_NS: u64 = 30_000_000;
 
+/// Frames whose time stamps are remembered for answers that come late.
+const RECENT_MAX: usize = 8;
+
+/// Answers that may wait for the next frame: more than there are requests under way, lest a camera that sends nothing
+/// fills the memory.
+const ACCEPTED_MAX: usize = 32;
+
+/// Values that a driver has accepted.
+struct Accepted {
+    id: RequestId,
+    values: ControlValues,
+    /// When, on the monotonic clock.
+    accepted_ns: u64,
+}
+
 /// What the hub knows of one camera.
 pub(super) struct CameraTrack {
     description: CameraDescription,
@@ -38,6 +53,10 @@ pub(super) struct CameraTrack {
     values: ControlValues,
     mode: Option<super::device::Mode>,
     requests: Option<Sender<Request>>,
+    /// What the driver has accepted after the last frame began.
+    accepted: VecDeque<Accepted>,
+    /// Sequence numbers and time stamps of the last frames.
+    recent: VecDeque<(u64, u64)>,
     tally: Tally,
     report: CameraReport,
     frames_at_last_report: u64,
@@ -88,6 +107,8 @@ impl CameraTrack {
             values: ControlValues::default(),
             mode: None,
             requests: None,
+            accepted: VecDeque::new(),
+            recent: VecDeque::with_capacity(RECENT_MAX),
             tally: Tally::default(),
             report,
             frames_at_last_report: 0,
@@ -167,11 +188,15 @@ impl Hub {
             What::Applied {
                 id,
                 read_back,
-                first_sequence_after,
-            } => {
-                self.cameras[camera].values.merge(&read_back);
-                self.lockstep.on_applied(camera, id, &read_back, first_sequence_after);
-            }
+                accepted_ns,
+            } => self.take_accepted(
+                camera,
+                Accepted {
+                    id,
+                    values: read_back,
+                    accepted_ns,
+                },
+            ),
             What::Refused {
                 id,
                 reason,
@@ -185,14 +210,14 @@ impl Hub {
                     self.lockstep.on_auto_mode_found(camera);
                 }
             }
-            What::Found {
-                values,
-                first_sequence_after,
-            } => {
-                self.cameras[camera].values.merge(&values);
-                self.lockstep
-                    .on_applied(camera, NOBODYS_REQUEST, &values, first_sequence_after);
-            }
+            What::Found { values, accepted_ns } => self.take_accepted(
+                camera,
+                Accepted {
+                    id: NOBODYS_REQUEST,
+                    values,
+                    accepted_ns,
+                },
+            ),
             What::Drifted => {
                 self.cameras[camera].report.auto_modes_found += 1;
                 self.note(camera, "controls have changed by themselves".to_owned());
@@ -207,6 +232,41 @@ impl Hub {
             }
         }
         Ok(())
+    }
+
+    /// A driver has accepted values: they hold from the first frame on that began after that. By when frames begin
+    /// that can be told better than by when they arrive, which is later by as long as they take.
+    fn take_accepted(&mut self, camera: usize, accepted: Accepted) {
+        let track = &mut self.cameras[camera];
+        track.values.merge(&accepted.values);
+        let is_later = |frame: &&(u64, u64)| frame.1 > accepted.accepted_ns;
+        match track.recent.iter().find(is_later) {
+            Some(&(sequence, _)) => self
+                .lockstep
+                .on_applied(camera, accepted.id, &accepted.values, sequence),
+            None => {
+                if track.accepted.len() == ACCEPTED_MAX {
+                    track.accepted.pop_front();
+                }
+                track.accepted.push_back(accepted);
+            }
+        }
+    }
+
+    /// A frame is about to be judged: what was accepted before it began holds for it.
+    fn settle_accepted(&mut self, camera: usize, sequence: u64, timestamp_ns: u64) {
+        let track = &mut self.cameras[camera];
+        while let Some(accepted) = track
+            .accepted
+            .pop_front_if(|accepted| accepted.accepted_ns < timestamp_ns)
+        {
+            self.lockstep
+                .on_applied(camera, accepted.id, &accepted.values, sequence);
+        }
+        if track.recent.len() == RECENT_MAX {
+            track.recent.pop_front();
+        }
+        track.recent.push_back((sequence, timestamp_ns));
     }
 
     /// A camera is there, for the first time or again. With controls not seen before the lockstep begins anew, with the
@@ -234,6 +294,9 @@ impl Hub {
         track.ranges = Some(ranges);
         track.values = values;
         track.requests = requests;
+        // What was accepted before is in the values that were read just now.
+        track.accepted.clear();
+        track.recent.clear();
         self.note(camera, text);
         if is_known {
             self.lockstep.on_returned(camera, values);
@@ -289,6 +352,7 @@ impl Hub {
     }
 
     fn take_frame(&mut self, camera: usize, captured: Captured) -> Result<(), DaemonError> {
+        self.settle_accepted(camera, captured.sequence, captured.timestamp_ns);
         let track = &mut self.cameras[camera];
         let Some(mode) = &track.mode else { return Ok(()) };
         let exposed = self.lockstep.on_frame(camera, captured.sequence, captured.timestamp_ns);

@@ -102,6 +102,7 @@ pub(super) struct Match {
     /// Frames that claim another exposure than they had.
     pub(super) n_untrue: usize,
     pub(super) worst_error_ev: f64,
+    pub(super) worst_white_balance_ev: f64,
     pub(super) n_pairs: usize,
     /// Greatest difference between two frames of one moment, after the correction they carry.
     pub(super) worst_mismatch_ev: f64,
@@ -120,7 +121,14 @@ impl Match {
                 let judged = stage.judge(index, seen)?;
                 found.n_frames += 1;
                 found.n_untrue += usize::from(!judged.is_true());
+                if !judged.is_true() {
+                    println!(
+                        "UNTRUE {name} {} {:?} {judged:?}",
+                        seen.meta.sequence, seen.meta.exposure
+                    );
+                }
                 found.worst_error_ev = found.worst_error_ev.max(judged.exposure_error_ev.abs());
+                found.worst_white_balance_ev = found.worst_white_balance_ev.max(judged.white_balance_error_ev);
                 pair.push((seen.meta.timestamp_ns, judged.factors[1]));
             }
             // Frames further apart than half an interval, as one between them was lost, may have different aims.
@@ -146,8 +154,14 @@ impl fmt::Display for Match {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             formatter,
-            "{} of {} frames untrue (worst {:.4} EV), {} pairs at most {:.4} EV apart",
-            self.n_untrue, self.n_frames, self.worst_error_ev, self.n_pairs, self.worst_mismatch_ev
+            "{} of {} frames untrue (exposure by {:.4} EV, white balance by {:.4} EV at most), {} pairs at most {:.4} EV \
+             apart",
+            self.n_untrue,
+            self.n_frames,
+            self.worst_error_ev,
+            self.worst_white_balance_ev,
+            self.n_pairs,
+            self.worst_mismatch_ev
         )
     }
 }

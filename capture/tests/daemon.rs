@@ -1,5 +1,7 @@
 //! The daemon on simulated cameras: nothing is lost in silence, and a camera in trouble is nobody else's trouble.
 
+#![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -49,7 +51,7 @@ fn setup(name: &str, role: CameraRole, device: &SimulatedDevice) -> CameraSetup 
 }
 
 /// Runs a daemon on these cameras until the first of them has made so many frames.
-fn run(cameras: Vec<(&str, CameraRole, SimulatedDevice)>, publisher: Publisher, n_frames: u64) -> Report {
+fn run(cameras: &[(&str, CameraRole, SimulatedDevice)], publisher: Publisher, n_frames: u64) -> Report {
     let first = cameras[0].2.clone();
     let setups = cameras
         .iter()
@@ -104,7 +106,7 @@ fn every_missing_frame_has_a_cause() {
     let device = simulated(SimulatedMethod::Copied, &faults);
     let (publisher, subscriber) = handover::lossless(8);
     let reader = read_all(subscriber, 1);
-    let report = run(vec![("scene", CameraRole::Scene, device.clone())], publisher, 140);
+    let report = run(&[("scene", CameraRole::Scene, device.clone())], publisher, 140);
     let camera = &report.cameras[0];
     let lost = |cause| camera.losses.get(cause);
     assert_eq!(lost(LossCause::DriverDrop), 3);
@@ -132,7 +134,7 @@ fn a_camera_that_is_gone_leaves_the_other_alone() {
     let (publisher, subscriber) = handover::lossless(8);
     let reader = read_all(subscriber, 2);
     let report = run(
-        vec![("scene", CameraRole::Scene, scene), ("probe", CameraRole::Ball, probe)],
+        &[("scene", CameraRole::Scene, scene), ("probe", CameraRole::Ball, probe)],
         publisher,
         200,
     );

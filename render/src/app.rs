@@ -185,7 +185,7 @@ impl App {
     /// Whatever stops the run. Live, a bad frame is counted and skipped instead.
     pub fn step(&mut self, patience: Duration) -> Result<Step, RenderError> {
         match self.frames.subscriber.receive(patience) {
-            Ok(Received::Set(set)) => self.use_set(set),
+            Ok(Received::Set(set)) => self.use_set(&set),
             Ok(Received::TimedOut) => Ok(Step::Waiting),
             Ok(Received::Ended) => {
                 self.join_reader()?;
@@ -202,8 +202,8 @@ impl App {
         }
     }
 
-    fn use_set(&mut self, set: FrameSet) -> Result<Step, RenderError> {
-        let set = self.decode(&set)?;
+    fn use_set(&mut self, set: &FrameSet) -> Result<Step, RenderError> {
+        let set = self.decode(set)?;
         if set.frames.is_empty() {
             return Ok(Step::Skipped);
         }

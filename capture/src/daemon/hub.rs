@@ -37,6 +37,8 @@ struct Accepted {
     /// When, on the monotonic clock.
     accepted_ns: u64,
 }
+/// Shortest time between two pictures of a camera that are measured: thirty a second are enough to decide by.
+const MEASURE_INTERVAL_NS: u64 = 30_000_000;
 
 /// What the hub knows of one camera.
 pub(super) struct CameraTrack {
@@ -58,6 +60,7 @@ pub(super) struct CameraTrack {
     report: CameraReport,
     frames_at_last_report: u64,
     losses_told: u64,
+    last_measured_ns: Option<u64>,
 }
 
 impl CameraTrack {
@@ -109,6 +112,7 @@ impl CameraTrack {
             report,
             frames_at_last_report: 0,
             losses_told: 0,
+            last_measured_ns: None,
         }
     }
 }
@@ -391,7 +395,14 @@ impl Hub {
         Ok(())
     }
 
+    /// Measures a picture, if the last one measured is long enough ago.
     fn measure(&mut self, camera: usize, frame: Frame) {
+        let track = &mut self.cameras[camera];
+        let is_due = |last_ns: u64| frame.meta.timestamp_ns.saturating_sub(last_ns) >= MEASURE_INTERVAL_NS;
+        if !track.last_measured_ns.is_none_or(is_due) {
+            return;
+        }
+        track.last_measured_ns = Some(frame.meta.timestamp_ns);
         if frame.format == PixelFormat::Mjpeg {
             self.meter_thread.measure(camera, frame);
             return;

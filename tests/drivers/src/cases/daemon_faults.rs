@@ -55,7 +55,14 @@ fn unplug_and_replug(stage: &mut Stage, index: usize, name: &'static str) -> Res
         stage
             .reader
             .set_where("sets without it", |set| frame_of(set, name).is_none())?;
-        stage.reader.sets(8)?;
+        let ages: Vec<u64> = stage
+            .reader
+            .sets(8)?
+            .iter()
+            .filter_map(|set| Some(set.first()?.age_ns))
+            .collect();
+        let mean_ms = ages.iter().sum::<u64>() as f64 / ages.len().max(1) as f64 * 1e-6;
+        println!("    sets without {name} come {mean_ms:.0} ms after their frames begin");
     } else {
         // Without the scene camera there are no sets.
         wait_until(stage, "a camera that is missed", |stage| {

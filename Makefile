@@ -48,6 +48,7 @@ test: setup
 # The same tests on real kernel drivers that `make test` runs among the others. Cases are chosen with
 # MIRRORBALL_DRIVER_CASES='name name'.
 test-drivers: setup
+	cargo build --release --locked -p mirrorball-capture -p mirrorball-driver-tests
 	MIRRORBALL_REQUIRE_DRIVERS=1 cargo test --release --locked -p mirrorball-driver-tests -- --nocapture
 
 lint:

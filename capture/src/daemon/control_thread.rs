@@ -121,3 +121,103 @@ impl ControlTask {
         self.events.send(Event { camera, what }).is_ok()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::path::PathBuf;
+    use std::sync::Mutex;
+
+    use super::*;
+    use crate::controls::{ControlKind, ControlRanges};
+    use crate::lockstep::RequestId;
+    use crate::v4l2::AutoMode;
+
+    /// A camera whose gain is refused, and whose values are these when they are read.
+    struct Stubborn(Mutex<VecDeque<i64>>);
+
+    impl Controls for Stubborn {
+        fn ranges(&self) -> ControlRanges {
+            ControlRanges::default()
+        }
+
+        fn take_manual(&self) -> Result<Vec<AutoMode>, ControlError> {
+            Ok(Vec::new())
+        }
+
+        fn read(&self) -> Result<ControlValues, ControlError> {
+            let mut reads = self.0.lock().unwrap();
+            let value = if reads.len() > 1 {
+                reads.pop_front()
+            } else {
+                reads.front().copied()
+            };
+            Ok(exposure(value.unwrap()))
+        }
+
+        fn set(&self, wanted: &ControlValues) -> Result<ControlValues, ControlError> {
+            match wanted.get(ControlKind::Gain) {
+                None => Ok(*wanted),
+                Some(_) => Err(ControlError::Missing {
+                    path: PathBuf::from("stubborn"),
+                    kind: ControlKind::Gain,
+                }),
+            }
+        }
+    }
+
+    fn exposure(value: i64) -> ControlValues {
+        let mut values = ControlValues::default();
+        values.set(ControlKind::ExposureTime, value);
+        values
+    }
+
+    fn request(values: ControlValues) -> Request {
+        Request {
+            id: RequestId(1),
+            values,
+            asserts_manual: false,
+        }
+    }
+
+    #[test]
+    fn after_a_refusal_it_is_told_what_was_set_before() {
+        let (events, told) = bounded(8);
+        let task = ControlTask {
+            camera: 0,
+            controls: Box::new(Stubborn(Mutex::new([7].into()))),
+            values: exposure(5),
+            events,
+        };
+        let requests = start("test", task).unwrap();
+        let mut both = exposure(7);
+        both.set(ControlKind::Gain, 1);
+        requests.send(request(both)).unwrap();
+        assert!(matches!(told.recv().unwrap().what, What::Found { values, .. } if values == exposure(7)));
+        assert!(matches!(
+            told.recv().unwrap().what,
+            What::Refused {
+                is_automatic: false,
+                ..
+            }
+        ));
+        requests.send(request(exposure(9))).unwrap();
+        assert!(matches!(told.recv().unwrap().what, What::Applied { read_back, .. } if read_back == exposure(9)));
+    }
+
+    #[test]
+    fn values_that_change_by_themselves_are_told_once() {
+        let (events, told) = bounded(8);
+        let mut task = ControlTask {
+            camera: 0,
+            controls: Box::new(Stubborn(Mutex::new([5, 6, 6].into()))),
+            values: exposure(5),
+            events,
+        };
+        assert!(task.look() && told.is_empty());
+        assert!(task.look() && task.look());
+        assert!(matches!(told.recv().unwrap().what, What::Drifted));
+        assert!(matches!(told.recv().unwrap().what, What::Found { values, .. } if values == exposure(6)));
+        assert!(told.is_empty());
+    }
+}

@@ -18,6 +18,9 @@ struct Options {
     /// Run only cases whose name contains this; may be given more than once
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
+    /// Leave out cases whose name contains this; may be given more than once
+    #[arg(long, value_name = "NAME")]
+    except: Vec<String>,
     /// List the cases and run none
     #[arg(long)]
     list: bool,
@@ -31,11 +34,13 @@ pub(crate) struct Case {
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    let wanted = |case: &Case| options.only.is_empty() || options.only.iter().any(|part| case.name.contains(part));
+    let has_any = |case: &Case, parts: &[String]| parts.iter().any(|part| case.name.contains(part));
+    let wanted =
+        |case: &Case| (options.only.is_empty() || has_any(case, &options.only)) && !has_any(case, &options.except);
     let cases: Vec<Case> = cases::all().into_iter().filter(wanted).collect();
     if cases.is_empty() {
         println!(
-            "error: no case has `{}` in its name; --list lists them",
+            "error: no case has `{}` in its name that is not left out; --list lists them",
             options.only.join("` or `")
         );
         return ExitCode::from(2);

@@ -1,27 +1,61 @@
-//! Runs the cases on real kernel drivers: boots the virtual machine, which runs `driver-tests`, and reports.
+//! Runs the cases on real kernel drivers: boots virtual machines, which run `driver-tests`, and reports.
 //!
-//! Where there is no QEMU the test says `SKIPPED` and passes; with the environment variable
+//! There are two machines, side by side: one for the cases of drivers and cameras, one for those of the daemon. Their
+//! time is waiting for frames more than computing.
+//!
+//! Where there is no QEMU the tests say `SKIPPED` and pass; with the environment variable
 //! `MIRRORBALL_REQUIRE_DRIVERS` set that is a failure. `MIRRORBALL_DRIVER_CASES` chooses cases by parts of their names.
 
 use std::env;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
 /// What `scripts/driver-vm.sh` exits with where the machine cannot be built or booted.
 const CANNOT_RUN_HERE: i32 = 75;
 
+/// After this time a machine is taken to hang: three times what it needs where nothing else runs.
+const TIMEOUT_S: &str = "300";
+
 #[test]
-fn cases_pass_on_real_drivers() {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scripts/driver-vm.sh");
-    let program = PathBuf::from(env!("CARGO_BIN_EXE_driver-tests"));
-    // The first run fetches a kernel, which is not part of the machine's time.
-    let prepared = Command::new(&script)
-        .arg("--prepare")
-        .output()
-        .expect("the script can be started");
-    if prepared.status.code() == Some(CANNOT_RUN_HERE) {
-        let reason = String::from_utf8_lossy(&prepared.stderr);
+fn drivers_and_cameras() {
+    run(
+        "cameras",
+        &["streaming", "steering", "webcam_faults", "vivid", "v4l2_webcam"],
+    );
+}
+
+#[test]
+fn the_daemon() {
+    run("daemon", &["daemon"]);
+}
+
+fn script() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scripts/driver-vm.sh")
+}
+
+/// Why there can be no machine here; none if it is ready. The first run fetches a kernel.
+fn hindrance() -> Option<&'static str> {
+    static HINDRANCE: OnceLock<Option<String>> = OnceLock::new();
+    let prepare = || {
+        let prepared = Command::new(script())
+            .arg("--prepare")
+            .output()
+            .expect("the script can be started");
+        let reason = String::from_utf8_lossy(&prepared.stderr).into_owned();
+        if prepared.status.code() == Some(CANNOT_RUN_HERE) {
+            return Some(reason);
+        }
+        assert!(prepared.status.success(), "{reason}");
+        None
+    };
+    HINDRANCE.get_or_init(prepare).as_deref()
+}
+
+/// Runs the cases whose names have one of `parts` in them.
+fn run(machine: &str, parts: &[&str]) {
+    if let Some(reason) = hindrance() {
         assert!(
             env::var_os("MIRRORBALL_REQUIRE_DRIVERS").is_none(),
             "the driver tests cannot run here:\n{reason}"
@@ -33,19 +67,20 @@ fn cases_pass_on_real_drivers() {
         );
         return;
     }
-    assert!(
-        prepared.status.success(),
-        "{}",
-        String::from_utf8_lossy(&prepared.stderr)
-    );
-
-    let mut command = Command::new(&script);
-    command.arg(program);
-    for case in env::var("MIRRORBALL_DRIVER_CASES")
-        .unwrap_or_default()
-        .split_whitespace()
-    {
-        command.args(["--only", case]);
+    let chosen = env::var("MIRRORBALL_DRIVER_CASES").unwrap_or_default();
+    let mut parts = parts.to_vec();
+    if !chosen.trim().is_empty() {
+        parts = chosen.split_whitespace().filter(|case| belongs(case, &parts)).collect();
+    }
+    if parts.is_empty() {
+        return;
+    }
+    let results = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("driver-vm-{machine}"));
+    let mut command = Command::new(script());
+    command.args(["--timeout", TIMEOUT_S, "--results"]).arg(&results);
+    command.arg(env!("CARGO_BIN_EXE_driver-tests"));
+    for part in parts {
+        command.args(["--only", part]);
     }
     let output = command.output().expect("the script can be started");
     let log = format!(
@@ -55,4 +90,9 @@ fn cases_pass_on_real_drivers() {
     );
     println!("{log}");
     assert!(output.status.success(), "on real drivers ({}):\n{log}", output.status);
+}
+
+/// True if a chosen case is one of this machine's.
+fn belongs(case: &str, parts: &[&str]) -> bool {
+    case.starts_with("daemon") == (parts == ["daemon"])
 }

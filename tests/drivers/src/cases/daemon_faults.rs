@@ -55,7 +55,14 @@ fn unplug_and_replug(stage: &mut Stage, index: usize, name: &'static str) -> Res
         stage
             .reader
             .set_where("sets without it", |set| frame_of(set, name).is_none())?;
-        stage.reader.sets(8)?;
+        let ages: Vec<u64> = stage
+            .reader
+            .sets(8)?
+            .iter()
+            .filter_map(|set| Some(set.first()?.age_ns))
+            .collect();
+        let mean_ms = ages.iter().sum::<u64>() as f64 / ages.len().max(1) as f64 * 1e-6;
+        println!("    sets without {name} come {mean_ms:.0} ms after their frames begin");
     } else {
         // Without the scene camera there are no sets.
         wait_until(stage, "a camera that is missed", |stage| {
@@ -170,11 +177,11 @@ fn check_sum(webcam: &Webcam, account: &Account) -> Result<(), String> {
 /// While a camera refuses what it is asked for, its frames say what they are; when it stops refusing it comes along.
 pub(super) fn stalled_controls() -> Result<(), String> {
     with_daemon(&[scene_camera(), ball_camera()], KNOWN_LATENCY, |stage| {
-        wait_until_still(stage)?;
+        stage.reader.sets(5)?;
         stage.webcams[BALL].stall_control(Control::ExposureTime, Some(5));
         let before = stage.webcams[BALL].control(Control::ExposureTime);
         set_light(stage, 1.5, 6504.0);
-        let sets = stage.reader.sets(25)?;
+        let sets = stage.reader.sets(15)?;
         ensure(stage.webcams[BALL].control(Control::ExposureTime) == before, || {
             "the stall does not hold".to_owned()
         })?;
@@ -199,27 +206,27 @@ pub(super) fn stalled_controls() -> Result<(), String> {
 /// takes them back, and frames carry the truth again.
 pub(super) fn auto_modes_switched_on_behind_our_back() -> Result<(), String> {
     with_daemon(&[scene_camera(), ball_camera()], KNOWN_LATENCY, |stage| {
-        wait_until_still(stage)?;
         let node = stage.webcams[BALL].node(PATIENCE).map_err(say)?;
         let other = RawCamera::open(&node).map_err(say)?;
         other.set_control(raw_camera::EXPOSURE_MODE, 3).map_err(say)?;
         other.set_control(raw_camera::WHITE_BALANCE_AUTO, 1).map_err(say)?;
-        taken_back(stage, BALL, "another program")?;
-        for index in [BALL, SCENE] {
-            stage.webcams[index].switch_automatics_on();
-            // In other light the webcam's own automatics do something.
-            set_light(stage, if index == BALL { 1.0 } else { -0.5 }, 5000.0);
-            taken_back(stage, index, "the firmware")?;
+        taken_back(stage, "another program")?;
+        for webcam in &stage.webcams {
+            webcam.switch_automatics_on();
         }
-        Ok(())
+        // In other light the webcams' own automatics do something.
+        set_light(stage, 1.0, 5000.0);
+        taken_back(stage, "the firmware")
     })
 }
 
-fn taken_back(stage: &mut Stage, index: usize, whose: &str) -> Result<(), String> {
+fn taken_back(stage: &mut Stage, whose: &str) -> Result<(), String> {
     let begun = Instant::now();
     wait_until(stage, &format!("manual controls after {whose}"), |stage| {
-        let webcam = &stage.webcams[index];
-        webcam.control(Control::ExposureMode) == MANUAL && webcam.control(Control::WhiteBalanceAuto) == 0
+        let is_manual = |webcam: &Webcam| {
+            webcam.control(Control::ExposureMode) == MANUAL && webcam.control(Control::WhiteBalanceAuto) == 0
+        };
+        stage.webcams.iter().all(is_manual)
     })?;
     println!("    taken back from {whose} after {:.2?}", begun.elapsed());
     wait_until_still(stage)?;
@@ -266,7 +273,6 @@ pub(super) fn truncated_mjpeg() -> Result<(), String> {
 /// known no frame counts as lost.
 pub(super) fn one_camera_slower_than_the_other() -> Result<(), String> {
     with_daemon(&[scene_camera(), ball_camera()], KNOWN_LATENCY, |stage| {
-        wait_until_still(stage)?;
         stage.webcams[BALL].slow_down(1.5);
         stage.reader.sets(30)?;
         let sets = stage.reader.sets(20)?;

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use mirrorball_capture::handover::{self, Received, Subscriber};
 use mirrorball_capture::status::{self, Status};
+use mirrorball_capture::v4l2::monotonic_ns;
 use mirrorball_capture::{FrameMeta, FrameSet, PixelFormat};
 use mirrorball_driver_tests::webcam::jpeg::commented_counter;
 use mirrorball_driver_tests::webcam::{Webcam, counter};
@@ -162,6 +163,8 @@ pub(super) struct Seen {
     /// The 16 bits in the picture, or in the comment of a JPEG picture.
     pub(super) counter: Option<u16>,
     pub(super) arrived: Instant,
+    /// From its time stamp until then.
+    pub(super) age_ns: u64,
 }
 
 /// A reader in this process.
@@ -215,7 +218,7 @@ impl Reader {
 }
 
 fn see(set: &FrameSet) -> Vec<Seen> {
-    let arrived = Instant::now();
+    let (arrived, now_ns) = (Instant::now(), monotonic_ns());
     let seen = |frame: &mirrorball_capture::Frame| Seen {
         counter: match frame.format {
             PixelFormat::Mjpeg => commented_counter(&frame.pixels).map(|counter| (counter & 0xFFFF) as u16),
@@ -223,6 +226,7 @@ fn see(set: &FrameSet) -> Vec<Seen> {
         },
         meta: frame.meta.clone(),
         arrived,
+        age_ns: now_ns.saturating_sub(frame.meta.timestamp_ns),
     };
     set.frames.iter().map(seen).collect()
 }

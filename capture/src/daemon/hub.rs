@@ -40,8 +40,6 @@ struct Accepted {
     /// When, on the monotonic clock.
     accepted_ns: u64,
 }
-/// Shortest time between two pictures of a camera that are measured: thirty a second are enough to decide by.
-const MEASURE_INTERVAL_NS: u64 = 30_000_000;
 
 /// What the hub knows of one camera.
 pub(super) struct CameraTrack {

@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 
 use mirrorball_capture::handover::{self, Received, Subscriber};
 use mirrorball_capture::status::{self, Status};
-use mirrorball_capture::v4l2::monotonic_ns;
 use mirrorball_capture::{FrameMeta, FrameSet, PixelFormat};
 use mirrorball_driver_tests::webcam::jpeg::commented_counter;
 use mirrorball_driver_tests::webcam::{Webcam, counter};
 use rustix::process::{Pid, Signal, kill_process};
+use rustix::time::{ClockId, clock_gettime};
 
 use super::daemon_rig::{CONFIG, Camera, SERVICE, STATUS_SOCKET, write_config};
 use super::support::{ensure, say};
@@ -215,6 +215,12 @@ impl Reader {
             }
         }
     }
+}
+
+/// The clock of time stamps.
+fn monotonic_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec.cast_unsigned() * 1_000_000_000 + now.tv_nsec.cast_unsigned()
 }
 
 fn see(set: &FrameSet) -> Vec<Seen> {

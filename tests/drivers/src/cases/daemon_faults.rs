@@ -12,7 +12,7 @@ use mirrorball_driver_tests::webcam::{FrameFault, Webcam};
 
 use super::daemon_rig::{Camera, KNOWN_LATENCY, RATE_HZ, ball_camera, scene_camera};
 use super::daemon_support::{Account, PATIENCE, Seen, Stage, frame_of, with_daemon};
-use super::daemon_truth::{Match, set_light, wait_until, wait_until_still};
+use super::daemon_truth::{Match, set_light, sets_until_still, wait_until};
 use super::support::{ensure, say, set_nodrop};
 
 const SCENE: usize = 0;
@@ -192,7 +192,7 @@ pub(super) fn stalled_controls() -> Result<(), String> {
         wait_until(stage, "an exposure time that is set again", |stage| {
             stage.webcams[BALL].control(Control::ExposureTime) != before
         })?;
-        wait_until_still(stage)?;
+        sets_until_still(stage)?;
         let sets = stage.reader.sets(10)?;
         let after = Match::of(stage, &sets)?;
         println!("    after: {after}");
@@ -215,7 +215,7 @@ pub(super) fn auto_modes_switched_on_behind_our_back() -> Result<(), String> {
             webcam.switch_automatics_on();
         }
         // In other light the webcams' own automatics do something.
-        set_light(stage, 1.0, 5000.0);
+        set_light(stage, 1.0, 6504.0);
         taken_back(stage, "the firmware")
     })
 }
@@ -229,7 +229,7 @@ fn taken_back(stage: &mut Stage, whose: &str) -> Result<(), String> {
         stage.webcams.iter().all(is_manual)
     })?;
     println!("    taken back from {whose} after {:.2?}", begun.elapsed());
-    wait_until_still(stage)?;
+    sets_until_still(stage)?;
     let sets = stage.reader.sets(10)?;
     let after = Match::of(stage, &sets)?;
     println!("    {after}");

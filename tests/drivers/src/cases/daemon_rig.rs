@@ -32,6 +32,16 @@ pub(super) struct Camera {
     pub(super) keys: &'static str,
 }
 
+/// A webcam with this sensor, which wakes up with settings that are about right.
+fn webcam(name: &str, sensor: SensorModel) -> WebcamConfig {
+    let mut config = WebcamConfig {
+        sensor,
+        ..WebcamConfig::named(name)
+    };
+    config.ranges.white_balance_k.default = 6500;
+    config
+}
+
 /// The scene camera: two frames of latency, exposures up to 2 % off.
 pub(super) fn scene_camera() -> Camera {
     let latency = Latency {
@@ -47,10 +57,7 @@ pub(super) fn scene_camera() -> Camera {
     Camera {
         name: "scene",
         role: "scene",
-        webcam: WebcamConfig {
-            sensor,
-            ..WebcamConfig::named("Scene camera")
-        },
+        webcam: webcam("Scene camera", sensor),
         keys: "latency_frames = 2",
     }
 }
@@ -72,10 +79,7 @@ pub(super) fn ball_camera() -> Camera {
     Camera {
         name: "ball",
         role: "ball",
-        webcam: WebcamConfig {
-            sensor,
-            ..WebcamConfig::named("Ball camera")
-        },
+        webcam: webcam("Ball camera", sensor),
         keys: "latency_frames = 4",
     }
 }

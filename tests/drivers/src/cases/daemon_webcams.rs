@@ -17,7 +17,7 @@ use mirrorball_driver_tests::webcam::truth::FrameTruth;
 
 use super::daemon_rig::{KNOWN_LATENCY, ball_camera, scene_camera};
 use super::daemon_support::{Seen, Stage, frame_of, with_daemon};
-use super::daemon_truth::{Match, set_light, wait_until, wait_until_still};
+use super::daemon_truth::{Match, set_light, sets_until_still, wait_until};
 use super::support::{ensure, say};
 
 /// Most by which an exposure on its way may go past where it ends.
@@ -25,7 +25,7 @@ const OVERSHOOT_EV: f64 = 0.3;
 /// An exposure, and a gain of the white balance, this near to where it ends has settled.
 const SETTLED_EV: f64 = 0.05;
 /// Most frames until then, after a jump of four stops or to light of another colour.
-const SETTLED_FRAMES: usize = 40;
+const SETTLED_FRAMES: usize = 60;
 /// Most changes of exposure that a settled camera asks for within a phase.
 const CHANGES_AFTER: usize = 3;
 /// Mean colour difference between the cameras.
@@ -52,10 +52,10 @@ pub(super) fn two_webcams_are_kept_in_step() -> Result<(), String> {
         ensure(latencies == [Some(2), Some(4)], || {
             format!("latencies of 2 and 4 frames, found {latencies:?}")
         })?;
-        wait_until_still(stage)?;
-        for (level_ev, temperature_k, n_sets) in [(4.0, 6504.0, 25), (0.0, 6504.0, 40), (0.0, 3200.0, 50)] {
+        sets_until_still(stage)?;
+        for (level_ev, temperature_k) in [(4.0, 6504.0), (0.0, 6504.0), (0.0, 3200.0)] {
             set_light(stage, level_ev, temperature_k);
-            let sets = stage.reader.sets(n_sets)?;
+            let sets = sets_until_still(stage)?;
             let figures = Figures::of(stage, &sets)?;
             println!("    light {level_ev} EV, {temperature_k} K: {figures}");
             figures.check()?;

@@ -188,13 +188,15 @@ impl Match {
     /// frame of five.
     pub(super) fn check(&self) -> Result<(), String> {
         ensure(
-            self.n_pairs > 3 && self.tells_the_truth() && self.worst_mismatch_ev <= MISMATCH_EV,
+            self.n_pairs > 3 && self.n_untrue == 0 && self.tells_the_truth() && self.worst_mismatch_ev <= MISMATCH_EV,
             || format!("every frame true and at most {MISMATCH_EV} EV apart was expected: {self}"),
         )
     }
 
+    /// While controls change: a driver sets those of one request one after the other, and in an emulated machine under
+    /// load that takes longer than a frame, which then has some of them. That is borne with in one frame of ten.
     pub(super) fn tells_the_truth(&self) -> bool {
-        self.n_untrue == 0 && self.n_early_or_late * 5 <= self.n_frames
+        self.n_untrue * 10 <= self.n_frames && self.n_early_or_late * 5 <= self.n_frames
     }
 }
 

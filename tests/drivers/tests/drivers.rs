@@ -10,7 +10,7 @@ use std::env;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::OnceLock;
+use std::sync::{OnceLock, PoisonError, RwLock};
 
 /// What `scripts/driver-vm.sh` exits with where the machine cannot be built or booted.
 const CANNOT_RUN_HERE: i32 = 75;
@@ -75,6 +75,42 @@ fn run(machine: &str, parts: &[&str]) {
     if parts.is_empty() {
         return;
     }
+    let first = {
+        let _beside = BESIDE.read().unwrap_or_else(PoisonError::into_inner);
+        boot(machine, &parts)
+    };
+    if first.is_success {
+        return;
+    }
+    let failed: Vec<&str> = first.log.lines().filter_map(failed_case).collect();
+    let again = if failed.is_empty() { &parts } else { &failed };
+    let _alone = BESIDE.write().unwrap_or_else(PoisonError::into_inner);
+    println!("once more, with no other machine beside it: {}", again.join(" "));
+    let second = boot(machine, again);
+    assert!(
+        second.is_success,
+        "on real drivers, twice:\n{}\n{}",
+        first.log, second.log
+    );
+}
+
+/// Emulated machines have their own time only as long as the computer has some for them. A case that fails gets a
+/// second chance while no other machine runs: the writing side.
+static BESIDE: RwLock<()> = RwLock::new(());
+
+/// How a machine ended.
+struct Outcome {
+    is_success: bool,
+    log: String,
+}
+
+/// The name in a line that says that a case has failed.
+fn failed_case(line: &str) -> Option<&str> {
+    line.strip_prefix("FAILED ")?.split(": ").next()
+}
+
+/// Runs a machine with these cases.
+fn boot(machine: &str, parts: &[&str]) -> Outcome {
     let results = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("driver-vm-{machine}"));
     let mut command = Command::new(script());
     command.args(["--timeout", TIMEOUT_S, "--results"]).arg(&results);
@@ -84,12 +120,16 @@ fn run(machine: &str, parts: &[&str]) {
     }
     let output = command.output().expect("the script can be started");
     let log = format!(
-        "{}{}",
+        "{}{}{}",
         String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
+        String::from_utf8_lossy(&output.stderr),
+        output.status
     );
     println!("{log}");
-    assert!(output.status.success(), "on real drivers ({}):\n{log}", output.status);
+    Outcome {
+        is_success: output.status.success(),
+        log,
+    }
 }
 
 /// True if a chosen case is one of this machine's.

@@ -41,7 +41,8 @@ pub(super) fn dropped_buffers_are_gaps() -> Result<(), String> {
     let received = frames(&mut camera, 60)?;
     let gaps: u32 = received
         .windows(2)
-        .map(|pair| pair[1].sequence - pair[0].sequence - 1)
+        // Under load vivid may give a number twice.
+        .map(|pair| pair[1].sequence.saturating_sub(pair[0].sequence + 1))
         .sum();
     set(&camera, VividFault::DroppedPercent, 100)?;
     while camera.next_frame(SILENCE).map_err(say)?.is_some() {}

@@ -56,6 +56,8 @@ pub struct Grouper {
 #[derive(Debug)]
 struct Track {
     camera: Arc<str>,
+    /// Nobody waits for a camera that is gone.
+    is_gone: bool,
     last_ns: Option<u64>,
     history: VecDeque<Frame>,
     last_used_ns: Option<u64>,
@@ -100,6 +102,7 @@ impl Grouper {
     pub fn new(leader: Arc<str>, others: &[Arc<str>], max_skew: Duration) -> Self {
         let track = |camera: &Arc<str>| Track {
             camera: camera.clone(),
+            is_gone: false,
             last_ns: None,
             history: VecDeque::with_capacity(HISTORY_MAX),
             last_used_ns: None,
@@ -141,6 +144,18 @@ impl Grouper {
         sets
     }
 
+    /// Takes note that a camera is gone and returns the sets that waited for it. It is waited for again from its next
+    /// frame on.
+    pub fn lose(&mut self, camera: &str) -> Vec<FrameSet> {
+        if let Some(index) = self.tracks.iter().position(|track| &*track.camera == camera) {
+            self.tracks[index].is_gone = true;
+            for waiting in &mut self.waiting {
+                waiting.choices[index].is_final = true;
+            }
+        }
+        self.take_complete()
+    }
+
     /// Ends the stream: returns the sets of all leading frames that still wait, with what there is.
     pub fn finish(&mut self) -> Vec<FrameSet> {
         std::iter::from_fn(|| self.take_first()).collect()
@@ -165,6 +180,11 @@ impl Grouper {
                 nearest: None,
                 is_final: false,
             };
+            if track.is_gone {
+                choice.is_final = true;
+                choices.push(choice);
+                continue;
+            }
             for frame in &track.history {
                 choice.consider(leader_ns, frame);
             }
@@ -193,6 +213,7 @@ impl Grouper {
             return;
         }
         track.last_ns = Some(frame_ns);
+        track.is_gone = false;
         self.counters.unpaired_frames += 1;
         for waiting in &mut self.waiting {
             waiting.choices[index].consider(waiting.leader.meta.timestamp_ns, &frame);
@@ -390,6 +411,18 @@ mod tests {
             .copied()
             .min_by_key(|stamp| (stamp.abs_diff(leader_ns), *stamp));
         nearest.filter(|stamp| stamp.abs_diff(leader_ns) <= max_skew_ns)
+    }
+
+    #[test]
+    fn a_camera_that_is_gone_is_not_waited_for() {
+        let mut grouper = grouper(&["other"], 10);
+        assert!(grouper.push(frame("lead", 100)).is_empty());
+        assert_eq!(grouper.lose("other").len(), 1);
+        assert_eq!(grouper.push(frame("lead", 200)).len(), 1);
+        assert!(grouper.push(frame("other", 290)).is_empty());
+        assert!(grouper.push(frame("lead", 300)).is_empty());
+        let sets = grouper.push(frame("other", 305));
+        assert_eq!((sets.len(), sets[0].frames.len()), (1, 2));
     }
 
     proptest! {

@@ -177,7 +177,7 @@ impl Hub {
         match event.what {
             What::Frame(captured) => return self.take_frame(camera, captured),
             What::Opened(opened) => return self.take_opened(camera, *opened),
-            What::Closed { reason } => self.take_closed(camera, reason),
+            What::Closed { reason } => return self.take_closed(camera, reason),
             What::Restarted { reason } => self.note(camera, format!("stream restarted: {reason}")),
             What::Tally(tally) => self.take_tally(camera, *tally),
             What::AutoModeFound(mode) => {
@@ -318,13 +318,18 @@ impl Hub {
         }
     }
 
-    fn take_closed(&mut self, camera: usize, reason: String) {
+    fn take_closed(&mut self, camera: usize, reason: String) -> Result<(), DaemonError> {
         let track = &mut self.cameras[camera];
         // Whoever holds the way to the controls holds the device open.
         track.requests = None;
         self.note(camera, format!("no camera: {reason}"));
         self.cameras[camera].report.stage = CameraStage::Waiting { reason };
         self.lockstep.on_lost(camera);
+        let name = self.cameras[camera].description.name.clone();
+        for set in self.grouper.lose(&name) {
+            self.publish(set)?;
+        }
+        Ok(())
     }
 
     fn take_tally(&mut self, camera: usize, tally: Tally) {

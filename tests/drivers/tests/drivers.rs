@@ -6,6 +6,8 @@
 //! Where there is no QEMU the tests say `SKIPPED` and pass; with the environment variable
 //! `MIRRORBALL_REQUIRE_DRIVERS` set that is a failure. `MIRRORBALL_DRIVER_CASES` chooses cases by parts of their names.
 
+#![expect(clippy::print_stdout, reason = "what machines say is shown with a test that fails")]
+
 use std::env;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

@@ -14,7 +14,7 @@ use crate::controls::ControlValues;
 use crate::lockstep::Request;
 use crate::v4l2::{ControlError, monotonic_ns};
 
-/// Requests that may wait. A camera that is slower than this is told only the newest.
+/// Requests that may wait. What does not find room counts as refused, and is asked for again later.
 const WAITING_MAX: usize = 4;
 
 /// Without a request the values are looked at so often.

@@ -36,7 +36,8 @@
 //! # What is in here
 //!
 //! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a
-//! pose; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
+//! pose; [`probe`] turns a picture of a mirror ball or of a fisheye camera into radiance from every direction, [`lights`]
+//! that into a few lights; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -62,8 +63,10 @@
 //! clock: equal input gives equal output, bit for bit. `unsafe` stands in `tag::apriltag` only, around the C detector.
 
 pub mod camera;
+pub mod lights;
 pub mod photometry;
 pub mod pose;
+pub mod probe;
 pub mod resection;
 pub mod response;
 pub mod rig;

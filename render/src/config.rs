@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use mirrorball_calib::probe::Trust;
 use serde::Deserialize;
 
 use crate::error::RenderError;
@@ -34,6 +35,17 @@ pub struct ProbeConfig {
     pub average_frames: u32,
     /// Relative change of a texel's luminance that counts as new light, above 0.
     pub change_ratio: f32,
+}
+
+impl ProbeConfig {
+    /// What of the probe's picture is not trusted.
+    #[must_use]
+    pub fn trust(&self) -> Trust {
+        Trust {
+            min_view_cosine: self.min_view_cosine,
+            camera_radius_m: self.camera_radius_m,
+        }
+    }
 }
 
 impl Default for ProbeConfig {

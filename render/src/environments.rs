@@ -9,10 +9,10 @@ use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::readback::Readback;
 use crate::gpu::types::{GpuEnvironment, MAX_ENVIRONMENTS};
 use crate::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
-use crate::probe::cube::{Cube, FACES};
 use crate::probe::surroundings;
 use crate::scene::Scene;
 use crate::scene::occluders::Occluders;
+use mirrorball_calib::probe::cube::{Cube, FACES};
 use mirrorball_calib::rig::Rig;
 
 /// Largest radiance that a half float holds with room for sums.

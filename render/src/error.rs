@@ -70,11 +70,8 @@ pub enum RenderError {
         angle_deg: f64,
     },
     /// The rig lacks what the light probe needs.
-    #[error("the rig has no light probe: {message}")]
-    NoProbe {
-        /// What is missing.
-        message: &'static str,
-    },
+    #[error("the rig has no light probe")]
+    NoProbe(#[from] mirrorball_calib::probe::NoProbe),
     /// A recording cannot be played.
     #[error("cannot play `{}`", folder.display())]
     Recording {
@@ -181,7 +178,7 @@ impl RenderError {
             Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
             Self::TooLarge { .. } => Some("lower it in the rig, the scene or `render.toml`".into()),
             Self::LensTooWide { .. } => Some("use a lens up to 80° off axis for the scene camera".into()),
-            Self::NoProbe { .. } => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
+            Self::NoProbe(_) => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
             Self::Recording { source, .. } => Some(source.hint().into()),
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
@@ -210,7 +207,7 @@ impl RenderError {
             | Self::Rig(_)
             | Self::TooLarge { .. }
             | Self::LensTooWide { .. }
-            | Self::NoProbe { .. }
+            | Self::NoProbe(_)
             | Self::Recording { .. }
             | Self::NoSceneFrame { .. }
             | Self::Decode { .. }

@@ -12,9 +12,10 @@ use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERE
 use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, check_size};
 use crate::passes::radiance_map::gpu_probe;
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
-use crate::probe::key_light::KeyLight;
-use crate::probe::radiance::{Picture, luminance};
-use crate::probe::{Light, ProbeOptics, SceneView};
+use crate::probe::Light;
+use mirrorball_calib::lights::KeyLight;
+use mirrorball_calib::probe::radiance::{Picture, luminance};
+use mirrorball_calib::probe::{ProbeOptics, View};
 
 /// Height over the receiver that a penumbra is filtered for, metres: half of a thing that stands on a table.
 const CASTER_HEIGHT_M: f32 = 0.03;
@@ -117,7 +118,7 @@ impl RenderNode {
             }
             None => &self.pictures.scene,
         };
-        let scene_view = pose.map(|pose| SceneView {
+        let scene_view = pose.map(|pose| View {
             picture: Picture::new(frame, scene_camera),
             camera: scene_camera,
             camera_from_world: *pose,

@@ -22,11 +22,12 @@ use crate::passes::radiance_map::RadianceMap;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade};
 use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
-use crate::probe::{Light, LightProbe, ProbeOptics};
+use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
 use crate::scene::{Kind, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::tracker::{TrackedPose, Tracker};
+use mirrorball_calib::probe::ProbeOptics;
 
 /// A finished frame.
 #[derive(Debug, Clone)]
@@ -175,7 +176,7 @@ impl RenderNode {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
-    pub fn local_light(&self) -> Result<Vec<(String, crate::probe::cube::Cube<Vec3>)>, RenderError> {
+    pub fn local_light(&self) -> Result<Vec<(String, mirrorball_calib::probe::cube::Cube<Vec3>)>, RenderError> {
         self.environments.read(&self.gpu)
     }
 

@@ -6,12 +6,12 @@ use std::f32::consts::PI;
 
 use glam::{DVec2, DVec3, Vec3};
 use mirrorball_calib::pose::Pose;
+use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
 use mirrorball_render::config::RenderConfig;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
-use mirrorball_render::probe::radiance::Picture;
 use mirrorball_render::scene::{Kind, Scene};
 use support::Errors;
 

@@ -6,6 +6,11 @@ use std::f32::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
 use mirrorball_calib::pose::Pose;
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::mirror_ball::MirrorBall;
+use mirrorball_calib::probe::radiance::Picture;
+use mirrorball_calib::probe::sh::IrradianceSh;
+use mirrorball_calib::probe::{ProbeOptics, View};
 use mirrorball_calib::rig::Camera;
 use mirrorball_render::config::ProbeConfig;
 use mirrorball_render::environments::{SH_STRIDE_BYTES, cube_view};
@@ -19,12 +24,7 @@ use mirrorball_render::passes::prefilter_specular::{PrefilterSpecular, alpha_of_
 use mirrorball_render::passes::radiance_map::{RadianceMap, gpu_probe};
 use mirrorball_render::passes::shadow_map::{ShadowView, Sphere};
 use mirrorball_render::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
-use mirrorball_render::probe::cube::Cube;
-use mirrorball_render::probe::mirror_ball::MirrorBall;
-use mirrorball_render::probe::radiance::Picture;
-use mirrorball_render::probe::sh::IrradianceSh;
 use mirrorball_render::probe::surroundings::NOTHING_M;
-use mirrorball_render::probe::{ProbeOptics, SceneView};
 use mirrorball_render::reference;
 use mirrorball_render::reference::receive::Blockers;
 use mirrorball_render::reference::shadow_map::DepthMap;
@@ -123,12 +123,12 @@ fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2
     let measured = pass
         .run(gpu, &mut Timer::new(gpu), (&camera, &probe, &picture))
         .expect("the device works");
-    let view = SceneView {
+    let view = View {
         picture: Picture::new(&case.frame, &case.camera),
         camera: &case.camera,
         camera_from_world: case.camera_from_world,
     };
-    let twin = reference::radiance_map::cube(&view, &case.optics, &config, near_m, ROOM_M);
+    let twin = reference::radiance_map::cube(&view, &case.optics, &config.trust(), near_m, ROOM_M);
     [Cube::from_texels(near_m.size(), measured).expect("six faces"), twin]
 }
 

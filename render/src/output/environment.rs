@@ -1,46 +1,12 @@
 //! Radiance cubes as equirectangular OpenEXR pictures.
 
-use std::f32::consts::PI;
 use std::path::Path;
 
 use glam::Vec3;
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::equirectangular::{HEIGHT, WIDTH, equirectangular};
 
 use crate::error::RenderError;
-use crate::probe::cube::Cube;
-
-/// Columns of the picture.
-pub const WIDTH: usize = 512;
-/// Rows of the picture.
-pub const HEIGHT: usize = 256;
-
-/// Unit direction (world) of a place in the picture; (`i`, `j`) at integers are pixel centres.
-///
-/// Row 0 at +z, centre column at +y, right at +x.
-#[must_use]
-pub fn direction(i: f32, j: f32) -> Vec3 {
-    let theta = PI * (j + 0.5) / HEIGHT as f32;
-    let phi = 2.0 * PI * ((i + 0.5) / WIDTH as f32 - 0.5);
-    Vec3::new(theta.sin() * phi.sin(), theta.sin() * phi.cos(), theta.cos())
-}
-
-/// The cube as an equirectangular picture, row after row; each pixel the mean of nine places in it.
-#[must_use]
-pub fn equirectangular(radiance: &Cube<Vec3>) -> Vec<Vec3> {
-    const OFFSETS: [f32; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
-    let pixel = |i: usize, j: usize| {
-        let mut sum = Vec3::ZERO;
-        for dj in OFFSETS {
-            for di in OFFSETS {
-                sum += radiance.nearest(direction(i as f32 + di, j as f32 + dj));
-            }
-        }
-        sum / 9.0
-    };
-    (0..HEIGHT)
-        .flat_map(|j| (0..WIDTH).map(move |i| (i, j)))
-        .map(|(i, j)| pixel(i, j))
-        .collect()
-}
 
 /// Writes a cube as `file`.
 ///
@@ -53,46 +19,4 @@ pub fn write_exr(file: &Path, radiance: &Cube<Vec3>) -> Result<(), RenderError> 
         file: file.to_owned(),
         source: Box::new(error),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_axes_lie_where_the_format_says() {
-        let near = |a: Vec3, b: Vec3| assert!((a - b).length() < 0.02, "{a} {b}");
-        near(direction(255.5, -0.5), Vec3::Z);
-        near(direction(255.5, 127.5), Vec3::Y);
-        near(direction(383.5, 127.5), Vec3::X);
-        near(direction(255.5, 255.5), Vec3::NEG_Z);
-    }
-
-    #[test]
-    fn a_lamp_keeps_its_place_and_energy() {
-        let lamp = Vec3::new(0.4, -0.3, 0.7).normalize();
-        let mut cube = Cube::filled(128, Vec3::ZERO);
-        for i in 0..cube.texels().len() {
-            if cube.direction(i).dot(lamp) > 3f32.to_radians().cos() {
-                cube.texels_mut()[i] = Vec3::splat(100.0);
-            }
-        }
-        let energy: f32 = cube
-            .texels()
-            .iter()
-            .enumerate()
-            .map(|(i, t)| t.x * cube.solid_angle(i))
-            .sum();
-        let picture = equirectangular(&cube);
-        let (mut sum, mut mean) = (0.0, Vec3::ZERO);
-        for (k, pixel) in picture.iter().enumerate() {
-            let (i, j) = (k % WIDTH, k / WIDTH);
-            let d = direction(i as f32, j as f32);
-            let area = (2.0 * PI / WIDTH as f32) * (PI / HEIGHT as f32) * (1.0 - d.z * d.z).sqrt();
-            sum += pixel.x * area;
-            mean += d * pixel.x * area;
-        }
-        assert!((sum / energy - 1.0).abs() < 0.01, "{sum} {energy}");
-        assert!(mean.normalize().dot(lamp) > 0.1f32.to_radians().cos());
-    }
 }

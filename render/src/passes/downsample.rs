@@ -4,7 +4,7 @@ use super::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE, groups};
 use crate::environments::{Environments, faces_view};
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
-use crate::probe::cube::FACES;
+use mirrorball_calib::probe::cube::FACES;
 
 /// The pass, bound to a set of environments.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use super::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE, groups};
 use crate::environments::{Environments, cube_view, faces_view};
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
-use crate::probe::cube::FACES;
+use mirrorball_calib::probe::cube::FACES;
 
 /// Samples per texel of a mip: twice as many for each rougher one, whose lobes are wider and whose texels are a quarter
 /// as many.

@@ -9,9 +9,9 @@ use crate::gpu::Gpu;
 use crate::gpu::readback::Readback;
 use crate::gpu::timer::{Ends, Timer};
 use crate::gpu::types::{GpuCamera, GpuProbe};
-use crate::probe::ProbeOptics;
-use crate::probe::cube::{Cube, FACES};
 use crate::scene_gpu::PictureBuffers;
+use mirrorball_calib::probe::ProbeOptics;
+use mirrorball_calib::probe::cube::{Cube, FACES};
 
 /// The pass with its buffers.
 #[derive(Debug)]

@@ -4,9 +4,9 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use super::cube::Cube;
-use super::radiance::luminance;
 use super::surroundings::NOTHING_M;
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::radiance::luminance;
 
 /// A connected region of clipped texels.
 #[derive(Debug, Clone, PartialEq)]

@@ -22,11 +22,11 @@ use mirrorball_calib::rig::{Camera, Marker, Rig};
 use rayon::prelude::*;
 
 use super::clipped::{ClippedRegion, Price};
-use super::cube::Cube;
 use super::least_squares::Unknowns;
-use super::radiance::Picture;
 use super::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::radiance::Picture;
 
 /// Rays per reading that gather the unclipped light.
 const RAYS: usize = 256;

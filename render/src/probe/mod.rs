@@ -2,105 +2,23 @@
 //! could not count put back.
 
 pub mod clipped;
-pub mod cube;
-pub mod fill;
-pub mod key_light;
 mod least_squares;
 pub mod light_meter;
-pub mod mirror_ball;
-pub mod radiance;
-pub mod sh;
 pub mod surroundings;
 
 use glam::{DVec3, Vec3, Vec4};
-use mirrorball_calib::pose::Pose;
-use mirrorball_calib::rig::{Camera, Rig, Role};
+use mirrorball_calib::lights::{KeyLight, LightChooser};
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::radiance::luminance;
+use mirrorball_calib::probe::{ProbeOptics, View, fill};
+use mirrorball_calib::rig::Rig;
 use rayon::prelude::*;
 
 use crate::config::{ProbeConfig, RenderConfig};
-use crate::error::RenderError;
 use crate::scene::occluders::Occluders;
 use clipped::clipped_regions;
-use cube::Cube;
-use key_light::{KeyLight, LightChooser};
 use light_meter::{KnownLight, LightMeter, MeterFit};
-use mirror_ball::MirrorBall;
-use radiance::{Picture, luminance};
 use surroundings::NOTHING_M;
-
-/// What looks at the light.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ProbeOptics {
-    /// A mirror ball.
-    MirrorBall {
-        /// Where it stands.
-        ball: MirrorBall,
-        /// Linear reflectance of red, green and blue.
-        reflectance: Vec3,
-    },
-    /// A fisheye lens at this place of the world, metres.
-    Fisheye {
-        /// The camera's centre.
-        lens_m: DVec3,
-    },
-}
-
-impl ProbeOptics {
-    /// The probe that a rig has: its fisheye camera, else its mirror ball.
-    ///
-    /// # Errors
-    /// [`RenderError::NoProbe`] when it has neither.
-    pub fn of_rig(rig: &Rig) -> Result<Self, RenderError> {
-        if let Some(camera) = rig.probe_camera()
-            && camera.role == Role::Fisheye
-        {
-            let camera_from_world = camera.camera_from_world.ok_or(RenderError::NoProbe {
-                message: "the fisheye camera has no `camera_from_world`",
-            })?;
-            return Ok(Self::Fisheye {
-                lens_m: camera_from_world.inverse().translation,
-            });
-        }
-        let ball = rig.ball.as_ref().ok_or(RenderError::NoProbe {
-            message: "there is neither a ball nor a fisheye",
-        })?;
-        Ok(Self::MirrorBall {
-            ball: MirrorBall {
-                center_m: ball.center_m,
-                radius_m: ball.radius_m,
-            },
-            reflectance: DVec3::from_array(ball.reflectance).as_vec3(),
-        })
-    }
-
-    /// The place whose light is measured: ball centre or lens, world frame, metres.
-    #[must_use]
-    pub fn position_m(&self) -> Vec3 {
-        match self {
-            Self::MirrorBall { ball, .. } => ball.center_m.as_vec3(),
-            Self::Fisheye { lens_m } => lens_m.as_vec3(),
-        }
-    }
-
-    /// Phantoms nearer to the probe than this are the probe itself, metres.
-    fn own_extent_m(&self) -> f32 {
-        match self {
-            Self::MirrorBall { ball, .. } => 1.05 * ball.radius_m as f32,
-            Self::Fisheye { .. } => 1e-3,
-        }
-    }
-}
-
-/// The scene camera's view of a frame, for what the probe cannot see and for reading papers.
-#[derive(Debug, Clone, Copy)]
-pub struct SceneView<'a> {
-    /// Its picture.
-    pub picture: Picture<'a>,
-    /// Its lens.
-    pub camera: &'a Camera,
-    /// Its pose.
-    pub camera_from_world: Pose,
-}
 
 /// Light at the probe's place.
 #[derive(Debug, Clone, PartialEq)]
@@ -212,7 +130,7 @@ impl LightProbe {
     /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere in
     /// the texel plus 8 times those clipped everywhere) and gives the
     /// light. Without a view of the scene (no pose) nothing is put back from the papers.
-    pub fn update(&mut self, measured: &[Vec4], view: Option<&SceneView<'_>>, occluders: &Occluders) -> Light {
+    pub fn update(&mut self, measured: &[Vec4], view: Option<&View<'_>>, occluders: &Occluders) -> Light {
         self.remember(measured);
         if let Some(view) = view {
             self.look_from_camera(measured, view, occluders);
@@ -270,7 +188,7 @@ impl LightProbe {
     }
 
     /// Fills in phantoms that the probe cannot see but the scene camera can; a quarter of them per frame after the first.
-    fn look_from_camera(&mut self, measured: &[Vec4], view: &SceneView<'_>, occluders: &Occluders) {
+    fn look_from_camera(&mut self, measured: &[Vec4], view: &View<'_>, occluders: &Occluders) {
         const PARTS: usize = 4;
         let config = self.config;
         let (probe_m, near_m, n) = (self.optics.position_m(), &self.near_m, self.n_updates);

@@ -3,8 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::cube::Cube;
 use crate::scene::occluders::Occluders;
+use mirrorball_calib::probe::cube::Cube;
 
 /// Distance that stands for "nothing there", metres.
 pub const NOTHING_M: f32 = 1e9;
@@ -19,7 +19,7 @@ pub fn distances_m(occluders: &Occluders, position_m: Vec3, from_m: f32, cube_si
         .par_iter_mut()
         .enumerate()
         .for_each(|(index, distance)| {
-            let direction = super::cube::texel_direction(cube_size, index);
+            let direction = mirrorball_calib::probe::cube::texel_direction(cube_size, index);
             *distance = occluders.distance_m(position_m, direction, from_m).unwrap_or(NOTHING_M);
         });
     cube
@@ -33,7 +33,7 @@ pub fn open_directions(occluders: &Occluders, points: &[Vec3], cube_size: u32) -
         return cube;
     }
     cube.texels_mut().par_iter_mut().enumerate().for_each(|(index, open)| {
-        let direction = super::cube::texel_direction(cube_size, index);
+        let direction = mirrorball_calib::probe::cube::texel_direction(cube_size, index);
         *open = points
             .iter()
             .any(|&point| occluders.distance_m(point, direction, 1e-3).is_none());

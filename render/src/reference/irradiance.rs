@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use crate::probe::cube::Cube;
-use crate::probe::sh::IrradianceSh;
 use crate::probe::surroundings::NOTHING_M;
+use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::sh::IrradianceSh;
 
 /// Harmonics of the texels of `environment` that show a phantom; `hit_m` is the distance to it, metres,
 /// [`NOTHING_M`] where there is none.

@@ -6,6 +6,8 @@
 pub mod composite;
 pub mod irradiance;
 pub mod prefilter_specular;
-pub mod radiance_map;
 pub mod receive;
 pub mod shadow_map;
+
+/// Probe picture to radiance cube: `calib` needs it as well, for single pictures.
+pub use mirrorball_calib::probe::radiance_map;

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::Vec3;
 
-use crate::probe::cube::Cube;
+use mirrorball_calib::probe::cube::Cube;
 
 /// Mean of `environment` under the GGX lobe of `alpha` around `direction`, for normal = view = `direction`.
 ///

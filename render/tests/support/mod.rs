@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::{DMat3, DVec2, DVec3, Vec3, Vec4};
 use half::f16;
 use mirrorball_calib::pose::Pose;
+use mirrorball_calib::probe::cube::{Cube, FACES};
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::{Exposure, Frame, FrameMeta, PixelFormat, Size};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::readback::Readback;
-use mirrorball_render::probe::cube::{Cube, FACES};
 use mirrorball_render::scene::occluders::Occluders;
 use mirrorball_render::scene::{Kind, Material, Mesh, Object, Placement, Scene, Vertex};
 

@@ -1,8 +1,9 @@
 //! From pixel codes to scene radiance: the camera's own model turned around.
 
 use glam::{DVec2, Mat3, Vec3};
-use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::Frame;
+
+use crate::rig::Camera;
 
 /// The code at which a channel counts as clipped: the brightest code stands for everything above it.
 pub const CLIPPED_CODE: u8 = 255;

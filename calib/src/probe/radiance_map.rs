@@ -1,24 +1,20 @@
-//! Probe picture to radiance cube with the ball, lens and picture models that the rest of the program uses.
+//! Probe picture to radiance cube: every direction asks the picture, exactly, for a light at finite distance.
+//!
+//! The render node does the same on the GPU (its pass `radiance_map`); this is the plain version, for single pictures and
+//! to compare with.
 
 use glam::{DVec2, DVec3, Vec3, Vec4};
-use mirrorball_calib::camera::LensModel;
 
-use crate::config::ProbeConfig;
-use crate::probe::cube::{Cube, FACES, face_direction};
-use crate::probe::{ProbeOptics, SceneView};
+use super::cube::{Cube, FACES, face_direction};
+use super::{ProbeOptics, Trust, View};
+use crate::camera::LensModel;
 
 /// The cube that `view` of the probe shows, with `near_m` the distance to the first phantom in every direction and
 /// `room_m` that of everything else, metres.
 ///
 /// rgb: radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere plus 8 times those clipped everywhere.
 #[must_use]
-pub fn cube(
-    view: &SceneView<'_>,
-    optics: &ProbeOptics,
-    config: &ProbeConfig,
-    near_m: &Cube<f32>,
-    room_m: f32,
-) -> Cube<Vec4> {
+pub fn cube(view: &View<'_>, optics: &ProbeOptics, trust: &Trust, near_m: &Cube<f32>, room_m: f32) -> Cube<Vec4> {
     let size = near_m.size();
     let mut cube = Cube::filled(size, Vec4::ZERO);
     for face in 0..FACES {
@@ -29,7 +25,7 @@ pub fn cube(
                 let places = [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)].map(|(dx, dy)| {
                     let at = |t: u32, d: f32| (t as f32 + d) / size as f32 * 2.0 - 1.0;
                     let direction = face_direction(face, at(x, dx), at(y, dy)).as_dvec3().normalize();
-                    pixel(view, optics, config, direction * f64::from(distance_m))
+                    pixel(view, optics, trust, direction * f64::from(distance_m))
                 });
                 cube.texels_mut()[index] = texel(view, optics, places);
             }
@@ -39,19 +35,19 @@ pub fn cube(
 }
 
 /// Pixel that shows the light at `offset_m` from the probe.
-fn pixel(view: &SceneView<'_>, optics: &ProbeOptics, config: &ProbeConfig, offset_m: DVec3) -> Option<DVec2> {
+fn pixel(view: &View<'_>, optics: &ProbeOptics, trust: &Trust, offset_m: DVec3) -> Option<DVec2> {
     let point_m = match optics {
         ProbeOptics::MirrorBall { ball, .. } => {
             let camera_m = view.camera_from_world.inverse().translation;
             let to_camera = camera_m - ball.center_m;
-            let own_image = (f64::from(config.camera_radius_m) / to_camera.length().max(1e-3))
+            let own_image = (f64::from(trust.camera_radius_m) / to_camera.length().max(1e-3))
                 .min(1.0)
                 .asin();
             if offset_m.angle_between(to_camera) < own_image {
                 return None;
             }
             let glint = ball.glint(camera_m, offset_m.normalize(), offset_m.length())?;
-            if glint.view_cosine < f64::from(config.min_view_cosine) {
+            if glint.view_cosine < f64::from(trust.min_view_cosine) {
                 return None;
             }
             glint.point_m
@@ -71,7 +67,7 @@ fn pixel(view: &SceneView<'_>, optics: &ProbeOptics, config: &ProbeConfig, offse
 }
 
 /// Mean over the places of a texel that the picture shows, if it shows at least half of them.
-fn texel(view: &SceneView<'_>, optics: &ProbeOptics, places: [Option<DVec2>; 4]) -> Vec4 {
+fn texel(view: &View<'_>, optics: &ProbeOptics, places: [Option<DVec2>; 4]) -> Vec4 {
     let reflectance = match optics {
         ProbeOptics::MirrorBall { reflectance, .. } => *reflectance,
         ProbeOptics::Fisheye { .. } => Vec3::ONE,
@@ -92,7 +88,7 @@ fn texel(view: &SceneView<'_>, optics: &ProbeOptics, places: [Option<DVec2>; 4])
 }
 
 /// Channels that clip in every pixel that bilinear sampling at `pixel` reads.
-fn clipped_everywhere(view: &SceneView<'_>, pixel: DVec2) -> u8 {
+fn clipped_everywhere(view: &View<'_>, pixel: DVec2) -> u8 {
     let low = pixel.floor();
     let high = pixel.ceil();
     [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high]

@@ -7,8 +7,8 @@
 
 use glam::{Mat3, Vec3};
 
-use super::cube::Cube;
-use super::radiance::luminance;
+use crate::probe::cube::Cube;
+use crate::probe::radiance::luminance;
 
 /// A light at a finite distance.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,7 +9,7 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
 use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
-use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, check_size};
+use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, Work, check_size};
 use crate::passes::radiance_map::gpu_probe;
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::Light;
@@ -56,7 +56,13 @@ impl RenderNode {
         let begun = Instant::now();
         let rgba = match (pose.camera_from_world(), self.light.take()) {
             (Some(camera_from_world), Some(light)) => {
-                let rgba = self.draw(frame, camera_from_world, &light);
+                let rgba = match self.work {
+                    Work::Everything => self.draw(frame, camera_from_world, &light),
+                    Work::LightOnly => {
+                        self.move_light(frame, camera_from_world, &light);
+                        Ok(untouched(frame))
+                    }
+                };
                 self.light = Some(light);
                 rgba?
             }
@@ -150,15 +156,36 @@ impl RenderNode {
         Ok(())
     }
 
-    /// Every pass of the picture, in order.
-    fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
+    /// The light moved to every virtual object, and nothing else.
+    fn move_light(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) {
+        self.upload(frame, camera_from_world, light);
+        let mut encoder = self
+            .gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("light") });
+        let (passes, timer) = (&mut self.passes, &mut self.timer);
+        passes.camera_depth.record(&mut encoder, timer, &self.scene);
+        passes.local_environment.record(&mut encoder, timer);
+        timer.record(&mut encoder);
+        self.gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Hands the camera and the light of this frame to the GPU.
+    fn upload(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) {
         let gpu = &self.gpu;
         let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
         gpu.write(&self.pictures.camera, &[camera]);
         self.pictures.radiance.upload(gpu, &light.radiance);
         self.pictures.far.upload(gpu, &light.far);
+        self.environments
+            .place(gpu, self.probe.optics().position_m(), light.room_m);
+    }
+
+    /// Every pass of the picture, in order.
+    fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
+        self.upload(frame, camera_from_world, light);
+        let gpu = &self.gpu;
         let probe_m = self.probe.optics().position_m();
-        self.environments.place(gpu, probe_m, light.room_m);
         let lights = self.gpu_lights(light, probe_m);
         let aims = |receivers: Sphere| -> Vec<Option<GpuAim>> {
             let is_lit = |l: &GpuLight| l.intensity.truncate() != Vec3::ZERO;

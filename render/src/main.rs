@@ -16,7 +16,7 @@ use mirrorball_render::app::{App, Frames, Input, Step};
 use mirrorball_render::config::RenderConfig;
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
-use mirrorball_render::node::RenderNode;
+use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
 use mirrorball_render::scene::Scene;
@@ -70,6 +70,9 @@ struct OutputArguments {
     /// Write the measured light as `environment/NNNNNN.exr` as well.
     #[arg(long, requires = "out")]
     environment_out: bool,
+    /// Measure the light and leave the pictures alone: no composites, much faster; implies --environment-out.
+    #[arg(long, requires = "out", conflicts_with = "window")]
+    light_only: bool,
     /// Show the pictures in a window; Escape quits.
     #[arg(long)]
     window: bool,
@@ -100,17 +103,22 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
+    let work = if arguments.output.light_only {
+        Work::LightOnly
+    } else {
+        Work::Everything
+    };
     let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
     if let Some(folder) = &arguments.output.out {
-        let environment = if arguments.output.environment_out {
+        let environment = if arguments.output.environment_out || arguments.output.light_only {
             EnvironmentOut::Yes
         } else {
             EnvironmentOut::No
         };
-        sinks.push(Box::new(FolderSink::create(folder, environment)?));
+        sinks.push(Box::new(FolderSink::create(folder, (environment, work))?));
     }
     let frames = Frames::open(&input, &rig.scene_camera().name)?;
-    let node = RenderNode::new(Gpu::open()?, rig, &scene, config)?;
+    let node = RenderNode::new(Gpu::open()?, rig, &scene, config)?.with_work(work);
     tracing::info!(adapter = node.adapter_name(), "render node ready");
     let mut app = App::new(node, frames, sinks);
     let stop = stop_flag()?;

@@ -48,12 +48,22 @@ pub struct RenderedFrame {
     pub stages_ms: Vec<(&'static str, f64)>,
 }
 
+/// What a node does with frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Work {
+    /// Light and pictures.
+    Everything,
+    /// Pose and light; the pictures come back as the camera took them.
+    LightOnly,
+}
+
 /// The render node.
 #[derive(Debug)]
 pub struct RenderNode {
     pub(crate) gpu: Gpu,
     pub(crate) rig: Rig,
     pub(crate) config: RenderConfig,
+    pub(crate) work: Work,
     pub(crate) occluders: Occluders,
     pub(crate) tracker: Tracker,
     pub(crate) probe: LightProbe,
@@ -144,6 +154,7 @@ impl RenderNode {
             gpu,
             rig,
             config,
+            work: Work::Everything,
             occluders,
             probe,
             bounds,
@@ -152,6 +163,12 @@ impl RenderNode {
             scene: buffers,
             environments,
         })
+    }
+
+    /// The node, doing this with frames from now on.
+    #[must_use]
+    pub fn with_work(self, work: Work) -> Self {
+        Self { work, ..self }
     }
 
     /// Name of the graphics adapter.

@@ -39,13 +39,27 @@ impl Score {
     pub fn measure(output_folder: &Path, truth_folder: &Path) -> Result<Self, ToolError> {
         let truth = Truth::load(truth_folder)?;
         let outputs = Outputs::load(output_folder)?;
+        let composites = composite_error::measure(&outputs, &truth)?;
+        Ok(Self {
+            composites,
+            ..Self::measure_light(output_folder, truth_folder)?
+        })
+    }
+
+    /// Compares poses and light only, of a run that left no composites.
+    ///
+    /// # Errors
+    /// As [`Self::measure`], composites apart.
+    pub fn measure_light(output_folder: &Path, truth_folder: &Path) -> Result<Self, ToolError> {
+        let truth = Truth::load(truth_folder)?;
+        let outputs = Outputs::load(output_folder)?;
         Ok(Self {
             sequence: truth.name.clone(),
             rig: truth.rig,
             scene_frames: truth.scene_frames.len(),
             pose: PoseError::measure(&outputs, &truth),
             environments: environment_error::measure(&outputs, &truth)?,
-            composites: composite_error::measure(&outputs, &truth)?,
+            composites: Vec::new(),
             stages: stages::measure(&outputs),
         })
     }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::{Sink, environment};
 use crate::error::RenderError;
-use crate::node::{RenderNode, RenderedFrame};
+use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::tracker::TrackedPose;
 
 /// Whether the measured light is written as well.
@@ -27,6 +27,7 @@ pub struct FolderSink {
     folder: PathBuf,
     frames: BufWriter<File>,
     environment: EnvironmentOut,
+    work: Work,
 }
 
 /// One line of `frames.jsonl`.
@@ -43,12 +44,15 @@ struct FrameLine<'a> {
 }
 
 impl FolderSink {
-    /// Makes the folder and starts `frames.jsonl` anew.
+    /// Makes the folder and starts `frames.jsonl` anew; a node that measures the light only leaves no composites.
     ///
     /// # Errors
     /// [`RenderError::Write`] when the folder or the file cannot be made.
-    pub fn create(folder: &Path, environment: EnvironmentOut) -> Result<Self, RenderError> {
-        make_folder(&folder.join("composite"))?;
+    pub fn create(folder: &Path, (environment, work): (EnvironmentOut, Work)) -> Result<Self, RenderError> {
+        make_folder(folder)?;
+        if work == Work::Everything {
+            make_folder(&folder.join("composite"))?;
+        }
         if environment == EnvironmentOut::Yes {
             make_folder(&folder.join("environment"))?;
         }
@@ -58,6 +62,7 @@ impl FolderSink {
             folder: folder.to_owned(),
             frames,
             environment,
+            work,
         })
     }
 
@@ -85,10 +90,12 @@ impl FolderSink {
 
 impl Sink for FolderSink {
     fn take(&mut self, frame: &RenderedFrame, node: &RenderNode) -> Result<(), RenderError> {
-        let file = self.folder.join("composite").join(format!("{:06}.png", frame.sequence));
-        let rgb: Vec<u8> = frame.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-        let [width, height] = frame.size_px;
-        image::save_buffer(&file, &rgb, width, height, image::ColorType::Rgb8).map_err(|e| failed(&file, e))?;
+        if self.work == Work::Everything {
+            let file = self.folder.join("composite").join(format!("{:06}.png", frame.sequence));
+            let rgb: Vec<u8> = frame.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+            let [width, height] = frame.size_px;
+            image::save_buffer(&file, &rgb, width, height, image::ColorType::Rgb8).map_err(|e| failed(&file, e))?;
+        }
         if self.environment == EnvironmentOut::Yes {
             self.write_environments(frame, node)?;
         }

@@ -24,6 +24,9 @@ struct Arguments {
     /// Also write all figures as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Poses and light only, of a run with --light-only
+    #[arg(long)]
+    light_only: bool,
     /// Compare with the least that must be reached
     #[arg(long)]
     floors: bool,
@@ -46,7 +49,11 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode, ToolError> {
-    let score = Score::measure(&arguments.output, &arguments.truth)?;
+    let score = if arguments.light_only {
+        Score::measure_light(&arguments.output, &arguments.truth)?
+    } else {
+        Score::measure(&arguments.output, &arguments.truth)?
+    };
     show(&report::text(&score));
     let floors = arguments.floors.then(|| floors::check(&score));
     if let Some(floors) = &floors {

@@ -21,8 +21,6 @@ use mirrorball_calib::probe::{ProbeOptics, View};
 const CASTER_HEIGHT_M: f32 = 0.03;
 /// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
 const SINGLE_TAP_SHARE: f32 = 0.02;
-/// How often the first probe picture is evaluated from which the room's distance can be told.
-const FIRST_LOOKS: u32 = 3;
 /// Room around a virtual object for the filter of its shadow, metres.
 const CASTER_MARGIN_M: f32 = 0.01;
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
@@ -129,29 +127,18 @@ impl RenderNode {
             camera: scene_camera,
             camera_from_world: *pose,
         });
-        // The first look takes the room's distance for granted; with what it says of it, the next sees better.
-        let looks = if pose.is_some() && !self.probe.knows_room() {
-            FIRST_LOOKS
-        } else {
-            1
-        };
-        for look in 0..looks {
-            if look > 0 {
-                self.probe.forget();
-            }
-            let config = &self.config.probe;
-            let probe = gpu_probe(
-                self.probe.optics(),
-                camera.position_m.truncate(),
-                config,
-                self.probe.room_m(),
-            );
-            let measured = self
-                .passes
-                .radiance_map
-                .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
-            self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
-        }
+        let config = &self.config.probe;
+        let probe = gpu_probe(
+            self.probe.optics(),
+            camera.position_m.truncate(),
+            config,
+            self.probe.room_m(),
+        );
+        let measured = self
+            .passes
+            .radiance_map
+            .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
+        self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
         self.measured = Some(this);
         Ok(())
     }

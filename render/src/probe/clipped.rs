@@ -1,4 +1,4 @@
-//! Where the probe's picture is clipped, and which of those regions are likely to be lamps.
+//! Where strong lights are: regions that are clipped or far brighter than the rest, and how likely they are lamps.
 
 use std::f32::consts::PI;
 
@@ -8,11 +8,13 @@ use super::surroundings::NOTHING_M;
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::radiance::luminance;
 
-/// A connected region of clipped texels.
+/// A connected region of texels that are clipped, or much brighter than the rest: a lamp, a window, a bright ceiling.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ClippedRegion {
+pub struct StrongRegion {
     /// Texels of the cube.
     pub texels: Vec<usize>,
+    /// Those of them whose radiance is not known; empty when nothing is clipped.
+    pub core: Vec<usize>,
     /// Channels that clip anywhere in it.
     pub channels: [bool; 3],
     /// What it costs to add radiance.
@@ -48,16 +50,42 @@ impl Price {
     }
 }
 
-/// Connected regions of texels whose `clipped` is not 0 and that are not on a phantom; largest first.
+/// Texels this much brighter than the mean over everything seen are strong lights though nothing clips.
+const STRONG_RATIO: f32 = 4.0;
+/// Share of its brightest texel above which a texel belongs to an unclipped light; what is dimmer is its glow on a wall.
+const GLOW_SHARE: f32 = 0.3;
+
+/// Connected regions of texels that are not on a phantom and whose `clipped` is not 0 or whose radiance is far above the
+/// mean; largest first.
 ///
 /// Bits 0 to 2: the channel clips somewhere in the texel; 3 to 5: everywhere in it. A lamp far above the clipping level
 /// clips every pixel that it touches, so the region of the former is half a pixel too wide all round, and at the ball's
 /// rim half a pixel is degrees; the latter, where there are any, are the lamp.
 #[must_use]
-pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) -> Vec<ClippedRegion> {
-    let wanted = |i: usize| clipped.texels()[i] != 0 && near_m.texels()[i] >= NOTHING_M;
-    let mut visited = vec![false; clipped.texels().len()];
-    let mut regions = Vec::new();
+pub fn strong_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) -> Vec<StrongRegion> {
+    let brightest = STRONG_RATIO * mean_luminance(far);
+    let is_far = |i: usize| near_m.texels()[i] >= NOTHING_M;
+    let is_clipped = |i: usize| is_far(i) && clipped.texels()[i] != 0;
+    let mut regions = connected(far, &is_clipped);
+    let is_bright = |i: usize| is_far(i) && clipped.texels()[i] == 0 && luminance(far.texels()[i]) > brightest;
+    for bright in connected(far, &is_bright) {
+        let level = |&i: &usize| luminance(far.texels()[i]);
+        let peak = bright.iter().map(level).fold(0.0, f32::max);
+        let mut is_lamp = vec![false; far.texels().len()];
+        for &i in bright.iter().filter(|i| level(i) > GLOW_SHARE * peak) {
+            is_lamp[i] = true;
+        }
+        regions.extend(connected(far, &|i| is_lamp[i]));
+    }
+    let mut regions: Vec<StrongRegion> = regions.into_iter().map(|texels| region(texels, clipped, far)).collect();
+    regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
+    regions
+}
+
+/// Sets of texels that are `wanted` and hang together by their edges.
+fn connected(cube: &Cube<Vec3>, wanted: &dyn Fn(usize) -> bool) -> Vec<Vec<usize>> {
+    let mut visited = vec![false; cube.texels().len()];
+    let mut sets = Vec::new();
     for start in 0..visited.len() {
         if visited[start] || !wanted(start) {
             continue;
@@ -67,29 +95,44 @@ pub fn clipped_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>)
         let mut next = 0;
         while let Some(&texel) = texels.get(next) {
             next += 1;
-            for neighbour in clipped.neighbours(texel) {
+            for neighbour in cube.neighbours(texel) {
                 if !visited[neighbour] && wanted(neighbour) {
                     visited[neighbour] = true;
                     texels.push(neighbour);
                 }
             }
         }
-        let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
-        let core: Vec<usize> = texels
-            .iter()
-            .copied()
-            .filter(|&i| clipped.texels()[i] >> 3 != 0)
-            .collect();
-        let channels = [0, 1, 2].map(|c| bits >> c & 1 == 1);
-        let price = price(&texels, far);
-        regions.push(ClippedRegion {
-            texels: if core.is_empty() { texels } else { core },
-            channels,
-            price,
-        });
+        sets.push(texels);
     }
-    regions.sort_by_key(|region| std::cmp::Reverse(region.texels.len()));
-    regions
+    sets
+}
+
+fn region(texels: Vec<usize>, clipped: &Cube<u8>, far: &Cube<Vec3>) -> StrongRegion {
+    let bits = texels.iter().fold(0, |bits, &i| bits | clipped.texels()[i]);
+    let where_set = |mask: u8| -> Vec<usize> {
+        let set = |i: &usize| clipped.texels()[*i] & mask != 0;
+        texels.iter().copied().filter(set).collect()
+    };
+    let everywhere = where_set(0b11_1000);
+    let core = if everywhere.is_empty() {
+        where_set(0b111)
+    } else {
+        everywhere
+    };
+    let price = price(&texels, far);
+    StrongRegion {
+        channels: [0, 1, 2].map(|c| bits >> c & 1 == 1),
+        core,
+        texels,
+        price,
+    }
+}
+
+fn mean_luminance(far: &Cube<Vec3>) -> f32 {
+    let sum: f32 = (0..far.texels().len())
+        .map(|i| luminance(far.texels()[i]) * far.solid_angle(i))
+        .sum();
+    sum / (4.0 * PI)
 }
 
 /// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
@@ -142,7 +185,7 @@ mod tests {
                 clipped.texels_mut()[i] = 6;
             }
         }
-        let regions = clipped_regions(&clipped, &Cube::filled(16, NOTHING_M), &Cube::filled(16, Vec3::ONE));
+        let regions = strong_regions(&clipped, &Cube::filled(16, NOTHING_M), &Cube::filled(16, Vec3::ONE));
         assert_eq!(regions.len(), 2);
         assert_eq!(regions[0].channels, [true, false, false]);
         assert_eq!(regions[1].channels, [false, true, true]);

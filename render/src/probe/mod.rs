@@ -2,8 +2,8 @@
 //! could not count put back.
 
 pub mod clipped;
-mod least_squares;
-pub mod light_meter;
+pub mod meter;
+mod strong_lights;
 pub mod surroundings;
 
 use glam::{DVec3, Vec3, Vec4};
@@ -16,8 +16,9 @@ use rayon::prelude::*;
 
 use crate::config::{ProbeConfig, RenderConfig};
 use crate::scene::occluders::Occluders;
-use clipped::clipped_regions;
-use light_meter::{KnownLight, LightMeter, MeterFit};
+use clipped::strong_regions;
+use meter::{KnownLight, LightMeter, MAX_REGIONS, MeterFit};
+use strong_lights::StrongLights;
 use surroundings::NOTHING_M;
 
 /// Light at the probe's place.
@@ -29,9 +30,11 @@ pub struct Light {
     pub far: Cube<Vec3>,
     /// `far` as lights, dome first.
     pub lights: Vec<KeyLight>,
+    /// Distance of what `far` shows, metres: of the strong lights where they are, of the room elsewhere.
+    pub distance_m: Cube<f32>,
     /// Distance of the room from the probe, metres.
     pub room_m: f32,
-    /// What the papers said.
+    /// What papers and phantoms said.
     pub meter: MeterFit,
 }
 
@@ -54,17 +57,8 @@ pub struct LightProbe {
     chooser: LightChooser,
     meter: LightMeter,
     memory: Vec<Memory>,
-    room: Room,
+    strong: StrongLights,
     n_updates: usize,
-}
-
-/// The room's distance over time, metres.
-#[derive(Debug, Clone, Copy)]
-struct Room {
-    /// Follows `averaged_m` in steps, so that shadow maps can be kept.
-    used_m: f32,
-    averaged_m: f32,
-    is_measured: bool,
 }
 
 impl LightProbe {
@@ -84,15 +78,11 @@ impl LightProbe {
         Self {
             config: config.probe,
             chooser: LightChooser::new(&open, config.shadow.dome_lights, config.shadow.bright_lights),
-            meter: LightMeter::new(rig, occluders),
+            meter: LightMeter::new(rig, occluders, interest, &mirrors_of(rig)),
             memory: vec![Memory::default(); near_m.texels().len()],
             near_m,
             optics,
-            room: Room {
-                used_m: config.probe.room_distance_m,
-                averaged_m: config.probe.room_distance_m,
-                is_measured: false,
-            },
+            strong: StrongLights::default(),
             n_updates: 0,
         }
     }
@@ -109,22 +99,10 @@ impl LightProbe {
         &self.near_m
     }
 
-    /// Distance of the room as known so far, metres.
+    /// Distance of the room, metres.
     #[must_use]
     pub fn room_m(&self) -> f32 {
-        self.room.used_m
-    }
-
-    /// Whether papers have told how far away the room is.
-    #[must_use]
-    pub fn knows_room(&self) -> bool {
-        self.room.is_measured
-    }
-
-    /// Forgets what was seen, but not how far away the room is.
-    pub fn forget(&mut self) {
-        self.memory.fill(Memory::default());
-        self.n_updates = 0;
+        self.config.room_distance_m
     }
 
     /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere in
@@ -139,32 +117,40 @@ impl LightProbe {
         let (mut far, mut radiance) = self.filled();
         let clipped = Cube::from_texels(self.near_m.size(), self.memory.iter().map(|m| m.clipped).collect())
             .unwrap_or_else(|| self.near_m.map(|_| 0));
-        let regions = clipped_regions(&clipped, &self.near_m, &far);
-        let readings = view.map_or_else(Vec::new, |view| {
-            self.meter
-                .read(&view.picture, view.camera, &view.camera_from_world, occluders)
-        });
+        let regions = strong_regions(&clipped, &self.near_m, &far);
+        let regions = &regions[..regions.len().min(MAX_REGIONS)];
+        let readings = view.map_or_else(Vec::new, |view| self.meter.read(view, occluders));
+        let room_m = self.config.room_distance_m;
         let known = KnownLight {
             probe_m: self.optics.position_m(),
             far: &far,
             radiance: &radiance,
+            room_m,
         };
-        let question = self.meter.question(&readings, known, &regions, occluders);
-        if !readings.is_empty() {
-            self.room.see(question.room_m(self.config.room_distance_m));
+        let question = self.meter.question(&readings, known, regions, occluders);
+        let mut distances_m = question.distances_m(room_m, &self.strong.expected_m(regions, &far));
+        if question.can_tell() {
+            self.strong.settle(regions, &far, &mut distances_m);
         }
-        let meter = question.explain(self.room.used_m);
+        let meter = question.explain(&distances_m);
         tracing::trace!(
-            readings = meter.readings,
+            papers = meter.papers,
+            patches = meter.patches,
             residual = meter.residual,
-            room_m = meter.room_m,
-            "papers read"
+            "light read off surfaces"
         );
         for (texels, missing) in &meter.missing {
-            tracing::trace!(texels = texels.len(), direction = %far.direction(texels[0].0), %missing, "clipped region");
+            tracing::trace!(n = texels.len(), %missing, "missing");
             for &(texel, brightness) in texels {
                 far.texels_mut()[texel] += brightness * *missing;
                 radiance.texels_mut()[texel] += brightness * *missing;
+            }
+        }
+        let mut distance_m = self.near_m.map(|_| room_m);
+        for light in &meter.lights {
+            tracing::trace!(texels = light.texels.len(), direction = %far.direction(light.texels[light.texels.len()/2]), distance_m = light.distance_m, sigma = light.distance_sigma, "strong light");
+            for &texel in &light.texels {
+                distance_m.texels_mut()[texel] = light.distance_m;
             }
         }
         let lights = self.chooser.choose(&far);
@@ -172,7 +158,8 @@ impl LightProbe {
             radiance,
             far,
             lights,
-            room_m: self.room.used_m,
+            distance_m,
+            room_m,
             meter,
         }
     }
@@ -240,24 +227,10 @@ impl LightProbe {
     }
 }
 
-impl Room {
-    /// Takes an estimate in: a geometric average over about four of them.
-    fn see(&mut self, seen_m: f32) {
-        /// Changes smaller than this share are left out.
-        const STEP: f32 = 0.05;
-        if !self.is_measured {
-            *self = Self {
-                used_m: seen_m,
-                averaged_m: seen_m,
-                is_measured: true,
-            };
-            return;
-        }
-        self.averaged_m = self.averaged_m.powf(0.75) * seen_m.powf(0.25);
-        if (self.averaged_m / self.used_m).ln().abs() > STEP {
-            self.used_m = self.averaged_m;
-        }
-    }
+/// Spheres (centre, radius with some margin, metres) whose surface mirrors and so says nothing about the light on it.
+fn mirrors_of(rig: &Rig) -> Vec<(Vec3, f32)> {
+    let of_ball = |ball: &mirrorball_calib::rig::Ball| (ball.center_m.as_vec3(), 1.05 * ball.radius_m as f32);
+    rig.ball.iter().map(of_ball).collect()
 }
 
 impl Memory {

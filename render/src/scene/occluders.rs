@@ -14,24 +14,38 @@ use obvhs::triangle::Triangle;
 pub struct Occluders {
     hierarchy: Option<Bvh2>,
     triangles: Vec<Triangle>,
+    corners: Vec<[Vec3; 3]>,
 }
 
 impl Occluders {
     /// Arranges triangles given by their corners (world frame, metres).
     #[must_use]
     pub fn new(corners: impl IntoIterator<Item = [Vec3; 3]>) -> Self {
-        let triangles: Vec<Triangle> = corners
+        let corners: Vec<[Vec3; 3]> = corners
             .into_iter()
-            .map(|[a, b, c]| Triangle {
+            .filter(|triangle| triangle.iter().all(|corner| corner.is_finite()))
+            .collect();
+        let triangles: Vec<Triangle> = corners
+            .iter()
+            .map(|&[a, b, c]| Triangle {
                 v0: a.into(),
                 v1: b.into(),
                 v2: c.into(),
             })
-            .filter(|t| t.v0.is_finite() && t.v1.is_finite() && t.v2.is_finite())
             .collect();
         let hierarchy = (!triangles.is_empty())
             .then(|| build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default()));
-        Self { hierarchy, triangles }
+        Self {
+            hierarchy,
+            triangles,
+            corners,
+        }
+    }
+
+    /// The corners of all triangles, in the order they were given; those with a corner that is no finite number left out.
+    #[must_use]
+    pub fn triangles(&self) -> &[[Vec3; 3]] {
+        &self.corners
     }
 
     /// Distance in metres to the first triangle from `origin` along the unit vector `direction`, beyond `from_m`.

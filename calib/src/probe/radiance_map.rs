@@ -223,3 +223,170 @@ fn pixels_per_texel(places: [Option<SamplePlace>; 4]) -> f64 {
         _ => 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use mirrorball_capture::frame::{Exposure, Frame, FrameMeta, PixelFormat, Size};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::camera::{Intrinsics, LensModel};
+    use crate::photometry::Photometry;
+    use crate::pose::Pose;
+    use crate::probe::mapping::LightSphere;
+    use crate::probe::mirror_ball::MirrorBall;
+    use crate::probe::radiance::Picture;
+    use crate::response::ResponseCurve;
+    use crate::rig::{Camera, Role};
+
+    proptest! {
+        #[test]
+        fn texels_are_unpacked_as_packed(bits in 0u8..64, steps in 0u32..256, radiance in -1.0f32..1e6) {
+            let seen = Seen {
+                radiance: Vec3::new(radiance, 2.0, 3.0),
+                clipped: bits & 7,
+                clipped_everywhere: bits >> 3,
+                quality: steps as f32 / 255.0,
+            };
+            prop_assert_eq!(Seen::unpack(seen.pack()), Some(seen));
+        }
+    }
+
+    #[test]
+    fn nothing_seen_is_nothing() {
+        assert_eq!(Seen::unpack(Vec4::ZERO), None);
+    }
+
+    /// A ball 0.5 m before a camera; its picture is 100 pixels wide.
+    fn camera() -> Camera {
+        Camera {
+            name: "scene".to_owned(),
+            role: Role::Scene,
+            intrinsics: Intrinsics {
+                size_px: [320, 240],
+                focal_px: DVec2::new(500.0, 500.0),
+                principal_point_px: DVec2::new(160.2, 119.6),
+                lens: LensModel::BrownConrady {
+                    k1: -0.1,
+                    k2: 0.03,
+                    p1: 0.0,
+                    p2: 0.0,
+                    k3: 0.0,
+                },
+            },
+            photometry: Photometry {
+                sensitivity: 40.0,
+                vignetting: [0.0; 2],
+                full_well_e: 1e4,
+                read_noise_e: 0.0,
+                response: ResponseCurve::srgb(),
+                color: DMat3::IDENTITY,
+            },
+            camera_from_world: None,
+        }
+    }
+
+    #[test]
+    fn quality_is_the_texel_over_the_pixel_where_nothing_else_counts() {
+        let camera = camera();
+        let exposure = Exposure {
+            time_s: 0.01,
+            gain: 1.0,
+            white_balance: [1.0; 3],
+        };
+        let frame = Frame {
+            meta: FrameMeta::new("scene".into(), 0, 0, exposure),
+            size: Size {
+                width: 320,
+                height: 240,
+            },
+            format: PixelFormat::Rgb8,
+            pixels: vec![128; 3 * 320 * 240].into(),
+        };
+        let ball = MirrorBall {
+            center_m: DVec3::new(0.02, 0.01, 0.5),
+            radius_m: 0.05,
+        };
+        let optics = ProbeOptics::MirrorBall {
+            ball,
+            reflectance: Vec3::splat(0.5),
+        };
+        let view = View {
+            picture: Picture::new(&frame, &camera),
+            camera: &camera,
+            camera_from_world: Pose::identity(),
+        };
+        let near_m = Cube::filled(64, 1e9);
+        let around = Surroundings {
+            origin_m: Vec3::new(-0.1, 0.0, 0.6),
+            near_m: &near_m,
+            room_m: 1.5,
+        };
+        let cube = cube(&view, &optics, Mapping::Exact, &Trust::default(), &around);
+        let map = ProbeMap {
+            intrinsics: &camera.intrinsics,
+            camera_from_world: Pose::identity(),
+            optics: &optics,
+        };
+        let sphere = LightSphere {
+            origin_m: around.origin_m.as_dvec3(),
+            distance_m: 1.5,
+        };
+        let mut compared = 0;
+        for index in 0..cube.texels().len() {
+            let light_m = sphere.origin_m + cube.direction(index).as_dvec3() * 1.5;
+            let place = map.place(light_m);
+            let Some(seen) = Seen::unpack(cube.texels()[index]) else {
+                let is_hidden = place.is_none_or(|p| p.view_cosine < 0.2 || p.from_camera_rad < 0.13);
+                assert!(is_hidden, "texel {index} is not seen: {place:?}");
+                continue;
+            };
+            let place = place.expect("it was seen");
+            if place.view_cosine < 0.4 || place.outline_px < 3.0 || place.from_camera_rad < 0.15 {
+                continue;
+            }
+            let light = map.light(place.pixel, &sphere).expect("on the ball");
+            let expected = f64::from(cube.solid_angle(index)) / light.solid_angle_per_pixel;
+            assert!(expected < 1.0, "the ball is too sharp for this test");
+            // A texel is finite, its middle is not: a per cent; and steps of 1/255.
+            assert!(
+                (f64::from(seen.quality) - expected).abs() < 0.02 * expected + 0.003,
+                "{} {expected}",
+                seen.quality
+            );
+            compared += 1;
+        }
+        assert!(compared > 15_000, "{compared} texels were compared");
+    }
+
+    #[test]
+    fn trust_rises_from_the_rim_without_a_cliff() {
+        let trust = Trust::default();
+        let place = |view_cosine: f64, outline_px: f64, rim_px: f64| Place {
+            pixel: DVec2::ZERO,
+            view_cosine,
+            outline_px,
+            rim_px,
+            from_camera_rad: 1.0,
+        };
+        let share = |c: f64, outline_px: f64, rim_px: f64| trust.share(&place(c, outline_px, rim_px), 0.1);
+        assert_eq!(share(0.31, 2.0, 6.0), Some(1.0));
+        for (first, step) in [((0.1, 9.0, 9.0), 0), ((1.0, 0.75, 9.0), 1), ((1.0, 9.0, 2.0), 2)] {
+            let moved = |by: f64| {
+                let mut p = [first.0, first.1, first.2];
+                p[step] += by;
+                share(p[0], p[1], p[2])
+            };
+            assert_eq!(moved(-1e-3), None);
+            assert!(moved(1e-3).is_some_and(|share| share < 1e-3));
+            let shares: Vec<f64> = (1..100).filter_map(|i| moved(f64::from(i) * 0.01)).collect();
+            assert!(shares.is_sorted() && shares.len() == 99);
+        }
+        assert_eq!(
+            trust.share(&place(1.0, 50.0, f64::INFINITY), 1.1),
+            None,
+            "the camera's own image"
+        );
+    }
+}

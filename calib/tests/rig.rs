@@ -259,7 +259,7 @@ fn the_lens_model_must_be_known_and_complete() {
     let message = error_of("\"brown_conrady\"", "\"opencv5\"");
     assert_eq!(
         message,
-        "`rig.toml`, line 10: unknown camera model `opencv5` (allowed: `brown_conrady`, `kannala_brandt`)"
+        "`rig.toml`, line 10: unknown camera model `opencv5` (allowed: `brown_conrady`, `kannala_brandt`, `equisolid`)"
     );
     let message = error_of("max_angle_deg = 92.5\n", "");
     assert!(
@@ -268,7 +268,7 @@ fn the_lens_model_must_be_known_and_complete() {
     );
     let message = error_of("0.0003, 0.0]", "0.0003, 0.0]\nmax_angle_deg = 40");
     assert!(
-        message.contains("`camera.lens.max_angle_deg` is `40.0` (allowed: with `kannala_brandt` only)"),
+        message.contains("`camera.lens.max_angle_deg` is `40.0` (allowed: with `kannala_brandt` and `equisolid` only)"),
         "{message}"
     );
 }
@@ -315,16 +315,62 @@ fn cameras_and_markers_must_fit_together() {
         "`rig.toml` has 0 cameras with role `scene` (allowed: exactly 1)"
     );
     let probe = &RIG[to..RIG.find("[[marker]]").unwrap()];
-    let error = read(&RIG.replacen(
-        "[[marker]]",
-        &format!("{}\n[[marker]]", probe.replace("probe", "other")),
-        1,
-    ))
-    .unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "`rig.toml` has 2 cameras with role `ball` or `fisheye` (allowed: at most 1)"
+    let films_the_ball = probe.replace("probe", "other").replace("\"fisheye\"", "\"ball\"");
+    let without_ball = &RIG[..RIG.find("[ball]").expect("the rig has a ball")];
+    let error = read(&without_ball.replacen("[[marker]]", &format!("{films_the_ball}\n[[marker]]"), 1)).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("camera `other` films the ball: describe it in `[ball]`"),
+        "{error}"
     );
+}
+
+#[test]
+fn several_cameras_may_film_the_light() {
+    let from = RIG.find("[[camera]]\nname = \"probe\"").expect("a probe");
+    let probe = &RIG[from..RIG.find("[[marker]]").expect("a marker")];
+    let more = format!(
+        "{}\n{}\n[[marker]]",
+        probe.replace("probe", "second").replace("\"fisheye\"", "\"ball\""),
+        probe.replace("probe", "third")
+    );
+    let rig = read(&RIG.replacen("[[marker]]", &more, 1)).expect("any number of fixed cameras");
+    let names: Vec<&str> = rig.probe_cameras().map(|camera| camera.name.as_str()).collect();
+    assert_eq!(names, ["probe", "second", "third"]);
+    assert_eq!(rig.probe_camera().map(|camera| camera.name.as_str()), Some("probe"));
+}
+
+#[test]
+fn an_equisolid_lens_has_an_angle_and_no_coefficients() {
+    let lens = |distortion: &str, angle: &str| {
+        let from = RIG.find("model = \"kannala_brandt\"").expect("a fisheye");
+        let rest = &RIG[from..];
+        let end = from + rest.find("\n\n").expect("tables are set apart");
+        let kept: String = RIG[from..end]
+            .lines()
+            .filter(|line| line.starts_with("focal_px") || line.starts_with("principal_point_px"))
+            .map(|line| format!("{line}\n"))
+            .collect();
+        read(&format!(
+            "{}model = \"equisolid\"\n{kept}distortion = {distortion}\n{angle}\n{}",
+            &RIG[..from],
+            &RIG[end..]
+        ))
+    };
+    let rig = lens("[]", "max_angle_deg = 92.5").expect("a good lens");
+    let expected = LensModel::Equisolid {
+        max_angle_rad: 92.5f64.to_radians(),
+    };
+    assert_eq!(rig.probe_camera().expect("a probe").intrinsics.lens, expected);
+    for (distortion, angle, message) in [
+        ("[0.1]", "max_angle_deg = 92.5", "an empty list"),
+        ("[]", "", "camera model `equisolid` needs `max_angle_deg`"),
+        ("[]", "max_angle_deg = 180.0", "above 0, below 180"),
+    ] {
+        let error = lens(distortion, angle).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
 }
 
 proptest! {

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use mirrorball_calib::probe::Trust;
+use mirrorball_calib::probe::mapping::Mapping;
 use serde::Deserialize;
 
 use crate::error::RenderError;
@@ -31,13 +32,39 @@ pub struct ProbeConfig {
     pub camera_radius_m: f32,
     /// Cosine of the flattest reflection that is trusted, 0.02 ..= 0.9.
     pub min_view_cosine: f32,
+    /// How directions become places in the picture.
+    pub mapping: MappingName,
+    /// Share of the surroundings that the simple mapping takes the picture to show, 0 ..= 1; see [`Mapping::Simple`].
+    pub wrap: f32,
     /// Frames over which a still environment is averaged, 1 ..= 64; 1 switches averaging off.
     pub average_frames: u32,
     /// Relative change of a texel's luminance that counts as new light, above 0.
     pub change_ratio: f32,
 }
 
+/// How directions become places in the probe's picture, by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MappingName {
+    /// [`Mapping::Exact`].
+    #[default]
+    Exact,
+    /// [`Mapping::Simple`], with the key `wrap`.
+    Simple,
+}
+
 impl ProbeConfig {
+    /// How directions become places in the probe's picture.
+    #[must_use]
+    pub fn mapping(&self) -> Mapping {
+        match self.mapping {
+            MappingName::Exact => Mapping::Exact,
+            MappingName::Simple => Mapping::Simple {
+                wrap: f64::from(self.wrap),
+            },
+        }
+    }
+
     /// What of the probe's picture is not trusted.
     #[must_use]
     pub fn trust(&self) -> Trust {
@@ -55,6 +82,8 @@ impl Default for ProbeConfig {
             room_distance_m: 2.0,
             camera_radius_m: 0.05,
             min_view_cosine: 0.1,
+            mapping: MappingName::Exact,
+            wrap: 1.0,
             average_frames: 8,
             change_ratio: 0.08,
         }
@@ -143,6 +172,7 @@ impl RenderConfig {
         within("probe.room_distance_m", f64::from(probe.room_distance_m), 0.5, 100.0)?;
         within("probe.camera_radius_m", f64::from(probe.camera_radius_m), 0.0, 0.5)?;
         within("probe.min_view_cosine", f64::from(probe.min_view_cosine), 0.02, 0.9)?;
+        within("probe.wrap", f64::from(probe.wrap), 0.0, 1.0)?;
         within("probe.average_frames", f64::from(probe.average_frames), 1.0, 64.0)?;
         within("probe.change_ratio", f64::from(probe.change_ratio), 0.01, 100.0)?;
         within("shadow.dome_lights", f64::from(shadow.dome_lights), 1.0, 112.0)?;
@@ -192,6 +222,8 @@ mod tests {
             ),
             ("[probe]\nroom_distance_m = nan", "`probe.room_distance_m` is `NaN`"),
             ("[probe]\nroom = 1", "unknown field `room`"),
+            ("[probe]\nmapping = \"half\"", "expected `exact` or `simple`"),
+            ("[probe]\nwrap = 1.5", "`probe.wrap` is `1.5`; allowed are 0 ..= 1"),
         ] {
             let message = RenderConfig::parse(text).unwrap_err();
             assert!(message.contains(expected), "{message}");

@@ -10,7 +10,7 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 use crate::error::RenderError;
 use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
 use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, Work, check_size};
-use crate::passes::radiance_map::gpu_probe;
+use crate::passes::radiance_map::{CubePlace, gpu_probe};
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::Light;
 use mirrorball_calib::lights::KeyLight;
@@ -128,12 +128,11 @@ impl RenderNode {
             camera_from_world: *pose,
         });
         let config = &self.config.probe;
-        let probe = gpu_probe(
-            self.probe.optics(),
-            camera.position_m.truncate(),
-            config,
-            self.probe.room_m(),
-        );
+        let place = CubePlace {
+            origin_m: self.probe.optics().position_m(),
+            room_m: self.probe.room_m(),
+        };
+        let probe = gpu_probe(self.probe.optics(), camera.position_m.truncate(), config, place);
         let measured = self
             .passes
             .radiance_map

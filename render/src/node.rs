@@ -234,11 +234,15 @@ fn check_limits(gpu: &Gpu, rig: &Rig, config: &RenderConfig) -> Result<(), Rende
     )?;
     let camera = rig.scene_camera();
     match camera.intrinsics.lens {
-        LensModel::KannalaBrandt { max_angle_rad, .. } if max_angle_rad > WIDEST_RAD => Err(RenderError::LensTooWide {
-            camera: camera.name.clone(),
-            angle_deg: max_angle_rad.to_degrees(),
-        }),
-        LensModel::KannalaBrandt { .. } | LensModel::BrownConrady { .. } => Ok(()),
+        LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad }
+            if max_angle_rad > WIDEST_RAD =>
+        {
+            Err(RenderError::LensTooWide {
+                camera: camera.name.clone(),
+                angle_deg: max_angle_rad.to_degrees(),
+            })
+        }
+        LensModel::KannalaBrandt { .. } | LensModel::Equisolid { .. } | LensModel::BrownConrady { .. } => Ok(()),
     }
 }
 

@@ -5,14 +5,16 @@ mod support;
 use std::f32::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
+use mirrorball_calib::camera::LensModel;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
 use mirrorball_calib::probe::radiance::Picture;
+use mirrorball_calib::probe::radiance_map::{Seen, Surroundings};
 use mirrorball_calib::probe::sh::IrradianceSh;
 use mirrorball_calib::probe::{ProbeOptics, View};
 use mirrorball_calib::rig::Camera;
-use mirrorball_render::config::ProbeConfig;
+use mirrorball_render::config::{MappingName, ProbeConfig};
 use mirrorball_render::environments::{SH_STRIDE_BYTES, cube_view};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::timer::Timer;
@@ -21,7 +23,7 @@ use mirrorball_render::passes::composite::Composite;
 use mirrorball_render::passes::downsample::Downsample;
 use mirrorball_render::passes::irradiance::Irradiance;
 use mirrorball_render::passes::prefilter_specular::{PrefilterSpecular, alpha_of_mip};
-use mirrorball_render::passes::radiance_map::{RadianceMap, gpu_probe};
+use mirrorball_render::passes::radiance_map::{CubePlace, RadianceMap, gpu_probe};
 use mirrorball_render::passes::shadow_map::{ShadowView, Sphere};
 use mirrorball_render::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
 use mirrorball_render::probe::surroundings::NOTHING_M;
@@ -40,6 +42,12 @@ const ROOM_M: f32 = 2.0;
 /// Towards the one lamp, which clips.
 const LAMP: DVec3 = DVec3::new(0.48, -0.36, 0.8);
 
+/// The mirror ball.
+const BALL: MirrorBall = MirrorBall {
+    center_m: DVec3::new(0.1, 0.2, 0.05),
+    radius_m: 0.05,
+};
+
 /// A smooth room with a lamp.
 fn room(direction: DVec3) -> DVec3 {
     if direction.angle_between(LAMP) < 0.15 {
@@ -50,20 +58,26 @@ fn room(direction: DVec3) -> DVec3 {
 }
 
 /// A probe with its camera and a picture of the room.
+#[derive(Clone)]
 struct ProbeCase {
     camera: Camera,
     camera_from_world: Pose,
     optics: ProbeOptics,
+    /// Where the light is measured.
+    origin_m: Vec3,
+    config: ProbeConfig,
     frame: mirrorball_capture::frame::Frame,
 }
 
 fn ball_case() -> ProbeCase {
+    ball_case_around(BALL.center_m)
+}
+
+/// A ball in a room whose middle is `origin_m`.
+fn ball_case_around(origin_m: DVec3) -> ProbeCase {
     let mut camera = support::rig().scene_camera().clone();
     camera.intrinsics.focal_px = DVec2::new(900.0, 902.0);
-    let ball = MirrorBall {
-        center_m: DVec3::new(0.1, 0.2, 0.05),
-        radius_m: 0.05,
-    };
+    let ball = BALL;
     let reflectance = Vec3::new(0.7, 0.69, 0.8);
     let camera_m = ball.center_m + DVec3::new(0.05, -0.35, 0.25);
     let camera_from_world = support::looking_at(ball.center_m, camera_m);
@@ -72,25 +86,41 @@ fn ball_case() -> ProbeCase {
         let Some((out, point)) = ball.reflect(camera_m, world_from_camera.transform_vector(ray)) else {
             return DVec3::ONE;
         };
-        let from_center = point - ball.center_m;
-        let b = from_center.dot(out);
+        let from_origin = point - origin_m;
+        let b = from_origin.dot(out);
         let room_m = f64::from(ROOM_M);
-        let way = -b + (b * b + room_m * room_m - from_center.length_squared()).sqrt();
-        room((from_center + out * way).normalize()) * reflectance.as_dvec3()
+        let way = -b + (b * b + room_m * room_m - from_origin.length_squared()).sqrt();
+        room((from_origin + out * way).normalize()) * reflectance.as_dvec3()
     });
     ProbeCase {
         camera,
         camera_from_world,
         optics: ProbeOptics::MirrorBall { ball, reflectance },
+        origin_m: origin_m.as_vec3(),
+        config: probe_config(),
         frame,
     }
 }
 
 fn fisheye_case() -> ProbeCase {
-    let camera = support::rig()
+    fisheye_case_of(|_| ())
+}
+
+/// The same through another lens.
+fn equisolid_case() -> ProbeCase {
+    fisheye_case_of(|camera| {
+        camera.intrinsics.lens = LensModel::Equisolid {
+            max_angle_rad: 92.5f64.to_radians(),
+        };
+    })
+}
+
+fn fisheye_case_of(change: impl Fn(&mut Camera)) -> ProbeCase {
+    let mut camera = support::rig()
         .probe_camera()
         .expect("the rig has a probe camera")
         .clone();
+    change(&mut camera);
     let camera_from_world = camera.camera_from_world.expect("the probe stands still");
     let world_from_camera = camera_from_world.inverse();
     let frame = support::frame(&camera, 1, 2, |ray| room(world_from_camera.transform_vector(ray)));
@@ -100,7 +130,9 @@ fn fisheye_case() -> ProbeCase {
     ProbeCase {
         camera,
         camera_from_world,
+        origin_m: optics.position_m(),
         optics,
+        config: probe_config(),
         frame,
     }
 }
@@ -114,9 +146,13 @@ fn probe_config() -> ProbeConfig {
 
 /// The pass and its twin on one picture.
 fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2] {
-    let config = probe_config();
+    let config = &case.config;
     let camera = GpuCamera::new(&case.camera, &case.camera_from_world, &EXPOSURE, [0.02, 20.0]);
-    let probe = gpu_probe(&case.optics, camera.position_m.truncate(), &config, ROOM_M);
+    let place = CubePlace {
+        origin_m: case.origin_m,
+        room_m: ROOM_M,
+    };
+    let probe = gpu_probe(&case.optics, camera.position_m.truncate(), config, place);
     let mut picture = PictureBuffers::new(gpu, &case.camera);
     picture.upload(gpu, &case.frame);
     let pass = RadianceMap::new(gpu, near_m);
@@ -128,7 +164,12 @@ fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2
         camera: &case.camera,
         camera_from_world: case.camera_from_world,
     };
-    let twin = reference::radiance_map::cube(&view, &case.optics, &config.trust(), near_m, ROOM_M);
+    let around = Surroundings {
+        origin_m: case.origin_m,
+        near_m,
+        room_m: ROOM_M,
+    };
+    let twin = reference::radiance_map::cube(&view, &case.optics, config.mapping(), &config.trust(), &around);
     [Cube::from_texels(near_m.size(), measured).expect("six faces"), twin]
 }
 
@@ -142,26 +183,34 @@ fn assert_radiance_map(gpu: &Gpu, name: &str, case: &ProbeCase) {
         }
     });
     let [measured, twin] = both_cubes(gpu, case, &near_m);
-    let pairs: Vec<(Vec4, Vec4)> = measured
-        .texels()
-        .iter()
-        .copied()
-        .zip(twin.texels().iter().copied())
-        .collect();
+    let seen = |cube: &Cube<Vec4>| -> Vec<Option<Seen>> { cube.texels().iter().map(|t| Seen::unpack(*t)).collect() };
+    let pairs: Vec<_> = seen(&measured).into_iter().zip(seen(&twin)).collect();
     // Single precision moves a place by about 1e-4 of a pixel, so a texel in a thousand changes sides at an outline.
-    let differ = pairs.iter().filter(|(a, b)| a.w != b.w).count();
+    let bits = |seen: &Option<Seen>| seen.map(|seen| (seen.clipped, seen.clipped_everywhere));
+    let differ = pairs.iter().filter(|(a, b)| bits(a) != bits(b)).count();
     assert!(
         differ * 500 <= pairs.len(),
         "{name}: {differ} of {} texels differ in what is seen or clipped",
         pairs.len()
     );
-    let seen = pairs.iter().filter(|(a, b)| a.w > 0.0 && a.w == b.w);
+    let both: Vec<(Seen, Seen)> = pairs
+        .iter()
+        .filter(|(a, b)| bits(a) == bits(b))
+        .filter_map(|&(a, b)| a.zip(b))
+        .collect();
     let errors = Errors::of(
         name,
-        seen.map(|(a, b)| ((a.xyz() - b.xyz()) / b.xyz()).abs().max_element()),
+        both.iter()
+            .map(|(a, b)| ((a.radiance - b.radiance) / b.radiance).abs().max_element()),
     );
     // 1e-4 of a pixel across the lamp's edge (2 to clipping 5) is 3e-4 of the radiance.
     assert!(errors.mean < 2e-5 && errors.worst < 2e-3, "{name}: {errors:?}");
+    // A texel is a pixel wide or so: 1e-4 of a pixel is 4e-4 of its area; quality comes in steps of 1/255.
+    let errors = Errors::of(
+        &format!("{name}: quality"),
+        both.iter().map(|(a, b)| a.quality - b.quality),
+    );
+    assert!(errors.mean < 5e-4 && errors.worst < 3.0 / 255.0, "{name}: {errors:?}");
 }
 
 /// How far off the room the pass measures it, relative, where nothing clips.
@@ -173,23 +222,14 @@ fn against_the_room(gpu: &Gpu, name: &str, case: &ProbeCase) -> (Errors, f32) {
         .texels()
         .iter()
         .enumerate()
-        .filter(|(_, t)| t.w == 1.0)
-        .filter_map(|(index, texel)| {
+        .filter_map(|(index, texel)| Seen::unpack(*texel).map(|seen| (index, seen)))
+        .filter_map(|(index, seen)| {
+            // A texel's and a pixel's width from the lamp's edge the picture shows both sides of it.
             let direction = measured.direction(index).as_dvec3();
-            // A texel's and a pixel's width from the lamp's edge the picture shows both sides of it; so it does at the
-            // ball's outline, where its last two pixels show everything that lies behind.
-            let is_at_outline = match &case.optics {
-                ProbeOptics::MirrorBall { ball, .. } => {
-                    let camera_m = case.camera_from_world.inverse().translation;
-                    let radius_px =
-                        case.camera.intrinsics.focal_px.x * ball.radius_m / camera_m.distance(ball.center_m);
-                    let glint = ball.glint(camera_m, direction, f64::from(ROOM_M));
-                    glint.is_none_or(|glint| 1.0 - (1.0 - glint.view_cosine.powi(2)).sqrt() < 2.0 / radius_px)
-                }
-                ProbeOptics::Fisheye { .. } => false,
-            };
-            let is_clear = direction.angle_between(LAMP) > 0.15 + 0.12 && !is_at_outline;
-            is_clear.then(|| (texel.xyz() / room(direction).as_vec3() - 1.0).abs().max_element())
+            let is_clear = direction.angle_between(LAMP) > 0.15 + 0.12 && seen.clipped == 0;
+            // A share of what is little trusted is the background of the ball.
+            let is_clear = is_clear && seen.quality > 0.25;
+            is_clear.then(|| (seen.radiance / room(direction).as_vec3() - 1.0).abs().max_element())
         });
     (Errors::of(name, errors), n_seen as f32 / measured.texels().len() as f32)
 }
@@ -199,6 +239,39 @@ fn radiance_map_equals_its_twin() {
     let Some(gpu) = support::gpu() else { return };
     assert_radiance_map(&gpu, "radiance_map of a ball", &ball_case());
     assert_radiance_map(&gpu, "radiance_map of a fisheye", &fisheye_case());
+    assert_radiance_map(&gpu, "radiance_map of an equisolid fisheye", &equisolid_case());
+}
+
+#[test]
+fn the_simple_mapping_equals_its_twin() {
+    let Some(gpu) = support::gpu() else { return };
+    for (name, case) in [("ball", ball_case()), ("fisheye", fisheye_case())] {
+        for wrap in [1.0, 0.87, 0.04] {
+            let mut case = case.clone();
+            case.config.mapping = MappingName::Simple;
+            case.config.wrap = wrap;
+            assert_radiance_map(&gpu, &format!("simple map of a {name}, wrap {wrap}"), &case);
+        }
+    }
+}
+
+#[test]
+fn a_probe_beside_the_place_measures_its_light() {
+    let Some(gpu) = support::gpu() else { return };
+    // The room as the place sees it, shown by a ball 40 cm away.
+    let origin_m = DVec3::new(-0.2, 0.0, 0.1);
+    let case = ball_case_around(origin_m);
+    assert_radiance_map(&gpu, "radiance_map of a ball beside", &case);
+    let (errors, seen) = against_the_room(&gpu, "room in a ball beside", &case);
+    assert!(errors.mean < 0.008 && errors.worst < 0.08, "{errors:?}");
+    assert!((0.9..1.0).contains(&seen), "a ball shows {seen} of the sphere");
+    // Taken for the ball's own surroundings the same picture is wrong by the room's parallax.
+    let there = ProbeCase {
+        origin_m: case.optics.position_m(),
+        ..case
+    };
+    let (errors, _) = against_the_room(&gpu, "the same without its place", &there);
+    assert!(errors.mean > 0.05, "{errors:?}");
 }
 
 #[test]
@@ -223,9 +296,10 @@ fn clipped_light_is_marked() {
     let Some(gpu) = support::gpu() else { return };
     for (name, case) in [("ball", ball_case()), ("fisheye", fisheye_case())] {
         let [measured, _] = both_cubes(&gpu, &case, &cube_of(32, |_| NOTHING_M));
+        let lamp = Seen::unpack(measured.nearest(LAMP.as_vec3())).expect("the lamp is seen");
         assert_eq!(
-            measured.nearest(LAMP.as_vec3()).w,
-            64.0,
+            (lamp.clipped, lamp.clipped_everywhere),
+            (7, 7),
             "{name}: all channels clip, anywhere and everywhere"
         );
     }

@@ -120,8 +120,10 @@ fn shared_structs_have_one_layout() {
         "Probe",
         GpuProbe {
             position_m,
+            origin_m,
             reflectance,
-            limits
+            limits,
+            ramps_px
         }
     );
     assert_same_layout!("receive", "Light", GpuLight { position_m, intensity });

@@ -57,6 +57,21 @@ impl MirrorBall {
         })
     }
 
+    /// The point of the ball's outline, as a camera at `camera_m` sees it, that is nearest to the visible `point_m`.
+    ///
+    /// On the outline the ray touches the ball, so its normal n has `n · to_camera = radius`.
+    #[must_use]
+    pub fn outline_beside(&self, camera_m: DVec3, point_m: DVec3) -> DVec3 {
+        let to_camera = camera_m - self.center_m;
+        let forward = to_camera.normalize();
+        let cosine = (self.radius_m / to_camera.length()).min(1.0);
+        let sideways = (point_m - self.center_m)
+            .reject_from_normalized(forward)
+            .try_normalize()
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        self.center_m + self.radius_m * (forward * cosine + sideways * (1.0 - cosine * cosine).sqrt())
+    }
+
     /// Direction (unit, world frame) that the ball shows to a camera at `camera_m` looking along the unit vector `ray`,
     /// and the point of reflection; `None` when the ray misses the ball.
     #[must_use]

@@ -1,12 +1,13 @@
 //! The light probe in one picture: from pixels of a mirror ball or a fisheye camera to radiance from every direction.
 //!
-//! [`radiance`] turns codes into radiance, [`mirror_ball`] says where on the ball a light is seen, [`mod@radiance_map`] asks
-//! the picture for every direction of a [`cube`], [`fill`] puts plausible light where nobody saw any, [`sh`] sums all of it
+//! [`radiance`] turns codes into radiance, [`mirror_ball`] says where on the ball a light is seen, [`mapping`] which pixel
+//! shows it, [`mod@radiance_map`] asks the picture for every direction of a [`cube`], [`fill`] puts plausible light where nobody saw any, [`sh`] sums all of it
 //! up in nine numbers. What happens over time, and with other cameras' help, is the render node's.
 
 pub mod cube;
 pub mod equirectangular;
 pub mod fill;
+pub mod mapping;
 pub mod mirror_ball;
 pub mod radiance;
 pub mod radiance_map;
@@ -71,7 +72,7 @@ impl ProbeOptics {
         })
     }
 
-    /// The place whose light is measured: ball centre or lens, world frame, metres.
+    /// Ball centre or lens, world frame, metres.
     #[must_use]
     pub fn position_m(&self) -> Vec3 {
         match self {

@@ -43,7 +43,7 @@ pub enum RigError {
         allowed: String,
     },
     /// The lens model is not one that this program knows.
-    #[error("{place}: unknown camera model `{found}` (allowed: `brown_conrady`, `kannala_brandt`)")]
+    #[error("{place}: unknown camera model `{found}` (allowed: `brown_conrady`, `kannala_brandt`, `equisolid`)")]
     LensModel {
         /// Where.
         place: Place,
@@ -138,9 +138,10 @@ impl RigError {
     pub fn hint(&self) -> Option<&'static str> {
         match self {
             Self::Syntax { .. } => Some("`configs/README.md` lists every key of `rig.toml`"),
-            Self::LensModel { .. } => {
-                Some("`brown_conrady` takes OpenCV's k1 k2 p1 p2 k3, `kannala_brandt` OpenCV's fisheye k1 k2 k3 k4")
-            }
+            Self::LensModel { .. } => Some(concat!(
+                "`brown_conrady` takes OpenCV's k1 k2 p1 p2 k3, `kannala_brandt` OpenCV's fisheye k1 k2 k3 k4, ",
+                "`equisolid` no coefficients"
+            )),
             Self::Pose { .. } => {
                 Some("a pose is three rows `[r00, r01, r02, t]` of a rotation and a translation in metres")
             }

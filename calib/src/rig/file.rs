@@ -118,8 +118,8 @@ pub(super) fn read(text: &str, file: &Path) -> Result<Rig, RigError> {
     let ball = entries.ball.as_ref().map(|entry| source.ball(entry)).transpose()?;
     source.check_cameras(&entries, &cameras)?;
     source.check_markers(&entries, &markers)?;
-    if ball.is_none() && cameras.iter().all(|camera| camera.role != Role::Fisheye) {
-        return Err(RigError::NoBall { file: file.to_owned() });
+    if ball.is_none() {
+        source.check_ball_is_not_needed(&entries, &cameras)?;
     }
     Ok(Rig {
         main_marker: *entries.main_marker.get_ref(),
@@ -275,7 +275,7 @@ impl Source<'_> {
                         angle,
                         "camera.lens.max_angle_deg",
                         |_| false,
-                        "with `kannala_brandt` only",
+                        "with `kannala_brandt` and `equisolid` only",
                     )?;
                 }
                 LensModel::BrownConrady {
@@ -293,24 +293,20 @@ impl Source<'_> {
                     |d| d.len() == 4 && finite(d),
                     "four finite numbers: k1, k2, k3, k4",
                 )?;
-                let Some(angle) = &entry.max_angle_deg else {
-                    return Err(RigError::Entry {
-                        place: self.place_of(&entry.model),
-                        subject: "camera model `kannala_brandt`".to_owned(),
-                        problem: "needs `max_angle_deg`, the angle beyond which nothing is imaged",
-                    });
-                };
-                let key = "camera.lens.max_angle_deg";
-                self.check(
-                    angle,
-                    key,
-                    |angle| *angle > 0.0 && *angle <= 180.0,
-                    "above 0, at most 180",
-                )?;
-                let k = [values[0], values[1], values[2], values[3]];
                 LensModel::KannalaBrandt {
-                    k,
-                    max_angle_rad: angle.get_ref().to_radians(),
+                    k: [values[0], values[1], values[2], values[3]],
+                    max_angle_rad: self.max_angle_rad(entry, ("above 0, at most 180", |a| a > 0.0 && a <= 180.0))?,
+                }
+            }
+            "equisolid" => {
+                self.check(
+                    distortion,
+                    KEY,
+                    Vec::is_empty,
+                    "an empty list: the model has no coefficients",
+                )?;
+                LensModel::Equisolid {
+                    max_angle_rad: self.max_angle_rad(entry, ("above 0, below 180", |a| a > 0.0 && a < 180.0))?,
                 }
             }
             found => {
@@ -327,6 +323,23 @@ impl Source<'_> {
             "a distortion that maps rays to pixels one to one",
         )?;
         Ok(lens)
+    }
+
+    /// The angle beyond which a fisheye images nothing, and what it may be, in degrees.
+    fn max_angle_rad(
+        &self,
+        entry: &LensEntry,
+        (allowed, is_allowed): (&str, fn(f64) -> bool),
+    ) -> Result<f64, RigError> {
+        let Some(angle) = &entry.max_angle_deg else {
+            return Err(RigError::Entry {
+                place: self.place_of(&entry.model),
+                subject: format!("camera model `{}`", entry.model.get_ref()),
+                problem: "needs `max_angle_deg`, the angle beyond which nothing is imaged",
+            });
+        };
+        self.check(angle, "camera.lens.max_angle_deg", |&angle| is_allowed(angle), allowed)?;
+        Ok(angle.get_ref().to_radians())
     }
 
     fn photometry(&self, entry: &PhotometryEntry) -> Result<Photometry, RigError> {
@@ -443,19 +456,32 @@ impl Source<'_> {
             }
         }
         let scenes = cameras.iter().filter(|camera| camera.role == Role::Scene).count();
-        let roles = |role, found, allowed| RigError::Roles {
-            file: self.file.to_owned(),
-            role,
-            found,
-            allowed,
-        };
         if scenes != 1 {
-            return Err(roles("`scene`", scenes, "exactly 1"));
-        }
-        if cameras.len() > 2 {
-            return Err(roles("`ball` or `fisheye`", cameras.len() - scenes, "at most 1"));
+            return Err(RigError::Roles {
+                file: self.file.to_owned(),
+                role: "`scene`",
+                found: scenes,
+                allowed: "exactly 1",
+            });
         }
         Ok(())
+    }
+
+    /// A rig without a ball needs a fisheye camera and no camera that films a ball.
+    fn check_ball_is_not_needed(&self, entries: &RigFile, cameras: &[Camera]) -> Result<(), RigError> {
+        if cameras.iter().all(|camera| camera.role != Role::Fisheye) {
+            return Err(RigError::NoBall {
+                file: self.file.to_owned(),
+            });
+        }
+        match cameras.iter().position(|camera| camera.role == Role::Ball) {
+            Some(index) => Err(RigError::Entry {
+                place: self.place_of(&entries.camera[index]),
+                subject: format!("camera `{}`", cameras[index].name),
+                problem: "films the ball: describe it in `[ball]`",
+            }),
+            None => Ok(()),
+        }
     }
 
     fn check_markers(&self, entries: &RigFile, markers: &[Marker]) -> Result<(), RigError> {

@@ -11,13 +11,13 @@ pub use error::{Place, RigError};
 
 use crate::{camera::Intrinsics, photometry::Photometry, pose::Pose, tag::Family};
 
-/// The rig as calibrated. A value of this type has passed every check: one scene camera, at most one probe camera, at
+/// The rig as calibrated. A value of this type has passed every check: one scene camera, any number of probe cameras, at
 /// least one marker, the main marker at the origin, names and ids unique, every number in range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
     /// Id of the marker whose frame is the world.
     pub main_marker: u32,
-    /// The scene camera and, if there is one, the probe camera; in the order of the file.
+    /// The scene camera and the probe cameras, if there are any; in the order of the file.
     pub cameras: Vec<Camera>,
     /// All markers, in the order of the file; never empty.
     pub markers: Vec<Marker>,
@@ -97,10 +97,15 @@ impl Rig {
             .expect("a rig has exactly one scene camera")
     }
 
-    /// The fixed camera that films the light, if the rig has one.
+    /// The first of the fixed cameras that film the light, if the rig has one.
     #[must_use]
     pub fn probe_camera(&self) -> Option<&Camera> {
-        self.cameras.iter().find(|camera| camera.role != Role::Scene)
+        self.probe_cameras().next()
+    }
+
+    /// The fixed cameras that film the light, through a fisheye lens or on the ball, in the order of the file.
+    pub fn probe_cameras(&self) -> impl Iterator<Item = &Camera> {
+        self.cameras.iter().filter(|camera| camera.role != Role::Scene)
     }
 
     /// The camera with this name.

@@ -12,17 +12,28 @@ struct Camera {
     vignetting_and_depth: vec4f,
 }
 
+fn is_fisheye(camera: Camera) -> bool {
+    return camera.position_m.w > 0.5;
+}
+
+// Distance from the principal point, in focal lengths, at an angle to the axis.
+fn fisheye_radius(camera: Camera, theta: f32) -> f32 {
+    if camera.position_m.w > 1.5 {
+        // Equisolid (Miyamoto 1964).
+        return 2.0 * sin(0.5 * theta);
+    }
+    // Kannala and Brandt 2006, as OpenCV's fisheye model.
+    let t2 = theta * theta;
+    let k = camera.distortion;
+    return theta * (1.0 + t2 * (k.x + t2 * (k.y + t2 * (k.z + t2 * k.w))));
+}
+
 // Distorted normalised image coordinates of a point in the camera frame (z > 0 for Brown-Conrady), clamped to the lens's
 // usable region so that far-off vertices stay off the picture instead of folding back into it.
 fn distorted(camera: Camera, point: vec3f) -> vec2f {
-    if camera.position_m.w > 0.5 {
-        // Kannala and Brandt 2006, as OpenCV's fisheye model.
+    if is_fisheye(camera) {
         let rho = max(length(point.xy), 1e-12);
-        let theta = min(atan2(rho, point.z), camera.limits.y);
-        let t2 = theta * theta;
-        let k = camera.distortion;
-        let theta_d = theta * (1.0 + t2 * (k.x + t2 * (k.y + t2 * (k.z + t2 * k.w))));
-        return point.xy * (theta_d / rho);
+        return point.xy * (fisheye_radius(camera, min(atan2(rho, point.z), camera.limits.y)) / rho);
     }
     // Brown 1966 as OpenCV writes it.
     let ideal = point.xy / point.z;
@@ -46,7 +57,7 @@ fn pixel_of(camera: Camera, point: vec3f) -> vec2f {
 
 // Whether the lens images a point in the camera frame at all.
 fn is_imaged(camera: Camera, point: vec3f) -> bool {
-    if camera.position_m.w > 0.5 {
+    if is_fisheye(camera) {
         return atan2(length(point.xy), point.z) < camera.limits.y;
     }
     return point.z > 1e-6 && length(point.xy) < camera.limits.y * point.z;

@@ -22,13 +22,13 @@ pub struct GpuCamera {
     pub common_from_camera: Mat4,
     /// Its inverse.
     pub camera_from_common: Mat4,
-    /// xyz: camera centre in the world, metres; w: lens model, 0 Brown-Conrady, 1 Kannala-Brandt.
+    /// xyz: camera centre in the world, metres; w: lens model, 0 Brown-Conrady, 1 Kannala-Brandt, 2 equisolid.
     pub position_m: Vec4,
     /// Focal lengths and principal point in pixels.
     pub focal_and_principal_px: Vec4,
-    /// k1 k2 p1 p2, or k1 k2 k3 k4.
+    /// k1 k2 p1 p2, or k1 k2 k3 k4; unused for an equisolid lens.
     pub distortion: Vec4,
-    /// x: k3; y: largest usable normalised radius (Brown-Conrady) or angle in radians (Kannala-Brandt); z, w: size in px.
+    /// x: k3; y: largest usable normalised radius (Brown-Conrady) or angle in radians (fisheye); z, w: size in px.
     pub limits: Vec4,
     /// xyz: signal per radiance of the three channels; w: unused.
     pub signal_per_radiance: Vec4,
@@ -44,6 +44,7 @@ impl GpuCamera {
         let (distortion, k3, limit, model) = match intrinsics.lens {
             LensModel::BrownConrady { k1, k2, p1, p2, k3 } => ([k1, k2, p1, p2], k3, intrinsics.max_radius(), 0.0),
             LensModel::KannalaBrandt { k, max_angle_rad } => (k, 0.0, max_angle_rad, 1.0),
+            LensModel::Equisolid { max_angle_rad } => ([0.0; 4], 0.0, max_angle_rad, 2.0),
         };
         let signal = camera.photometry.signal_per_radiance(exposure).map(|s| s as f32);
         let color = camera.photometry.color;
@@ -78,11 +79,15 @@ fn inverse(matrix: DMat3) -> Mat3 {
 pub struct GpuProbe {
     /// xyz: ball centre or fisheye lens in the world, metres; w: ball radius, 0 for a fisheye.
     pub position_m: Vec4,
-    /// xyz: the ball's reflectance, 1 for a fisheye; w: distance of the room, metres.
+    /// xyz: the cube's centre, for which the light is measured, world, metres; w: distance of the room from it, metres.
+    pub origin_m: Vec4,
+    /// xyz: the ball's reflectance, 1 for a fisheye; w: `wrap` of the simple mapping, negative for the exact one.
     pub reflectance: Vec4,
-    /// x: least cosine of reflection; y: angle around the camera's own image that is left out, radians;
-    /// z: cube size in texels; w: unused.
+    /// x, y: cosine of reflection at which trust begins, and at which it is whole; z: angle around the camera's own image
+    /// that is left out, radians; w: cube size in texels.
     pub limits: Vec4,
+    /// Pixels from the ball's outline (x, y) and from the end of a fisheye's picture (z, w) where trust begins and is whole.
+    pub ramps_px: Vec4,
 }
 
 /// One light (`Light` in `shared/lights.wgsl`).

@@ -12,6 +12,8 @@ use crate::gpu::types::{GpuCamera, GpuProbe};
 use crate::scene_gpu::PictureBuffers;
 use mirrorball_calib::probe::ProbeOptics;
 use mirrorball_calib::probe::cube::{Cube, FACES};
+use mirrorball_calib::probe::mapping::Mapping;
+use mirrorball_calib::probe::radiance_map::{OUTLINE_RAMP_PX, RIM_RAMP_PX};
 
 /// The pass with its buffers.
 #[derive(Debug)]
@@ -39,8 +41,9 @@ impl RadianceMap {
         }
     }
 
-    /// Measures the cube: rgb radiance; a 0 not seen, else 1 plus the bits of channels clipped anywhere in the texel plus 8
-    /// times those clipped everywhere.
+    /// Measures the cube; texels are [`Seen::pack`]ed, 0 where nothing is seen.
+    ///
+    /// [`Seen::pack`]: mirrorball_calib::probe::radiance_map::Seen::pack
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
@@ -86,20 +89,42 @@ impl RadianceMap {
     }
 }
 
+/// Where a cube's light arrives, and how far away the room is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubePlace {
+    /// The cube's centre, world frame, metres.
+    pub origin_m: Vec3,
+    /// Distance of the room from it, metres.
+    pub room_m: f32,
+}
+
 /// The probe as the shader takes it; `camera_m` is the centre of the camera that looks at it, world frame, metres.
 #[must_use]
-pub fn gpu_probe(optics: &ProbeOptics, camera_m: Vec3, config: &ProbeConfig, room_m: f32) -> GpuProbe {
+pub fn gpu_probe(optics: &ProbeOptics, camera_m: Vec3, config: &ProbeConfig, place: CubePlace) -> GpuProbe {
     let (radius_m, reflectance) = match optics {
         ProbeOptics::MirrorBall { ball, reflectance } => (ball.radius_m as f32, *reflectance),
         ProbeOptics::Fisheye { .. } => (0.0, Vec3::ONE),
     };
     let position_m = optics.position_m();
-    let camera_angle = (config.camera_radius_m / camera_m.distance(position_m).max(1e-3))
+    let trust = config.trust();
+    let camera_angle = (trust.camera_radius_m / camera_m.distance(position_m).max(1e-3))
         .min(1.0)
         .asin();
+    let wrap = match config.mapping() {
+        Mapping::Exact => -1.0,
+        Mapping::Simple { wrap } => wrap as f32,
+    };
+    let [outline, rim] = [OUTLINE_RAMP_PX, RIM_RAMP_PX].map(|ramp| ramp.map(|px| px as f32));
     GpuProbe {
         position_m: position_m.extend(radius_m),
-        reflectance: reflectance.extend(room_m),
-        limits: Vec4::new(config.min_view_cosine, camera_angle, config.cube_size as f32, 0.0),
+        origin_m: place.origin_m.extend(place.room_m),
+        reflectance: reflectance.extend(wrap),
+        limits: Vec4::new(
+            trust.min_view_cosine,
+            trust.full_view_cosine(),
+            camera_angle,
+            config.cube_size as f32,
+        ),
+        ramps_px: Vec4::new(outline[0], outline[1], rim[0], rim[1]),
     }
 }

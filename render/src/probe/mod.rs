@@ -10,6 +10,7 @@ use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::lights::{KeyLight, LightChooser};
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::radiance::luminance;
+use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
 use mirrorball_calib::rig::Rig;
 use rayon::prelude::*;
@@ -105,9 +106,7 @@ impl LightProbe {
         self.config.room_distance_m
     }
 
-    /// Takes a measured cube in (rgb radiance; a: 0 not seen, else 1 plus the bits of channels clipped anywhere in
-    /// the texel plus 8 times those clipped everywhere) and gives the
-    /// light. Without a view of the scene (no pose) nothing is put back from the papers.
+    /// Takes a measured cube in ([`Seen::pack`]ed) and gives the light. Without a view of the scene (no pose) nothing is put back from the papers.
     pub fn update(&mut self, measured: &[Vec4], view: Option<&View<'_>>, occluders: &Occluders) -> Light {
         self.remember(measured);
         if let Some(view) = view {
@@ -168,8 +167,8 @@ impl LightProbe {
     fn remember(&mut self, measured: &[Vec4]) {
         let config = self.config;
         self.memory.par_iter_mut().zip(measured).for_each(|(memory, texel)| {
-            if texel.w >= 1.0 {
-                memory.take(texel.truncate(), texel.w as u8 - 1, &config);
+            if let Some(seen) = Seen::unpack(*texel) {
+                memory.take(seen.radiance, seen.clipped | (seen.clipped_everywhere << 3), &config);
             }
         });
     }

@@ -2,15 +2,16 @@
 //!
 //! All work is done on rays, not on the plane `z = 1`, so that lenses beyond 180 degrees are no special case.
 
+mod fisheye;
+
 use glam::{DVec2, DVec3};
+
+use fisheye::Fisheye;
 
 /// Largest tangent of the angle to the optical axis that a [`LensModel::BrownConrady`] lens may image (89.94 degrees).
 ///
 /// A lens without distortion has no limit of its own; this one keeps [`Intrinsics::max_radius`] finite.
 const MAX_TANGENT: f64 = 1e3;
-
-/// Largest angular radius, relative to depth, at which the fisheye formulas are replaced by their limit on the axis.
-const AXIS_RATIO: f64 = 1e-9;
 
 /// Residual, in normalised image units, below which the inverse of a distortion counts as found.
 const INVERSE_TOLERANCE: f64 = 1e-12;
@@ -31,7 +32,7 @@ pub struct Intrinsics {
     pub lens: LensModel,
 }
 
-/// Distortion of a lens, in OpenCV's terms and with OpenCV's coefficients.
+/// Distortion of a lens, where OpenCV knows it in OpenCV's terms and with OpenCV's coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LensModel {
     /// Radial and tangential distortion of a perspective lens (Brown 1971, Conrady 1919; OpenCV `calib3d`).
@@ -60,6 +61,13 @@ pub enum LensModel {
         /// Angle to the optical axis, in radians, beyond which nothing is imaged.
         max_angle_rad: f64,
     },
+    /// Fisheye lens that gives equal solid angles equal areas (Miyamoto 1964, "Fish eye lens").
+    ///
+    /// With θ the angle to the optical axis, the distance from the principal point is `2 sin(θ/2)` focal lengths.
+    Equisolid {
+        /// Angle to the optical axis, in radians, beyond which nothing is imaged.
+        max_angle_rad: f64,
+    },
 }
 
 /// A pixel and how it moves with the point that it shows.
@@ -82,23 +90,9 @@ impl Intrinsics {
         if !point_camera.is_finite() {
             return None;
         }
-        let distorted = match self.lens {
-            LensModel::BrownConrady { .. } => {
-                let lens = Perspective::new(&self.lens)?;
-                lens.distort(lens.plane_point(point_camera)?)
-            }
-            LensModel::KannalaBrandt { k, max_angle_rad } => {
-                let rho = point_camera.truncate().length();
-                let angle = rho.atan2(point_camera.z);
-                if angle > max_angle_rad || (rho == 0.0 && point_camera.z <= 0.0) {
-                    return None;
-                }
-                if rho <= AXIS_RATIO * point_camera.z.abs() && point_camera.z > 0.0 {
-                    point_camera.truncate() / point_camera.z
-                } else {
-                    point_camera.truncate() * (fisheye_radius(&k, angle) / rho)
-                }
-            }
+        let distorted = match Optics::of(&self.lens) {
+            Optics::Perspective(lens) => lens.distort(lens.plane_point(point_camera)?),
+            Optics::Fisheye(lens) => lens.distort(point_camera)?,
         };
         let pixel = self.focal_px * distorted + self.principal_point_px;
         pixel.is_finite().then_some(pixel)
@@ -108,12 +102,9 @@ impl Intrinsics {
     #[must_use]
     pub fn project_with_gradient(&self, point_camera: DVec3) -> Option<Projection> {
         let pixel = self.project(point_camera)?;
-        let gradient = match self.lens {
-            LensModel::BrownConrady { .. } => {
-                let lens = Perspective::new(&self.lens)?;
-                lens.gradient(point_camera)
-            }
-            LensModel::KannalaBrandt { k, .. } => fisheye_gradient(&k, point_camera),
+        let gradient = match Optics::of(&self.lens) {
+            Optics::Perspective(lens) => lens.gradient(point_camera),
+            Optics::Fisheye(lens) => lens.gradient(point_camera),
         };
         let gradient = [gradient[0] * self.focal_px.x, gradient[1] * self.focal_px.y];
         Some(Projection { pixel, gradient })
@@ -129,17 +120,9 @@ impl Intrinsics {
             return None;
         }
         let distorted = (pixel - self.principal_point_px) / self.focal_px;
-        match self.lens {
-            LensModel::BrownConrady { .. } => {
-                let undistorted = Perspective::new(&self.lens)?.undistort(distorted)?;
-                Some(undistorted.extend(1.0).normalize())
-            }
-            LensModel::KannalaBrandt { k, max_angle_rad } => {
-                let radius = distorted.length();
-                let angle = fisheye_angle(&k, max_angle_rad, radius)?;
-                let direction = distorted.try_normalize().unwrap_or(DVec2::ZERO);
-                Some((direction * angle.sin()).extend(angle.cos()))
-            }
+        match Optics::of(&self.lens) {
+            Optics::Perspective(lens) => Some(lens.undistort(distorted)?.extend(1.0).normalize()),
+            Optics::Fisheye(lens) => lens.ray(distorted),
         }
     }
 
@@ -147,17 +130,26 @@ impl Intrinsics {
     ///
     /// For [`LensModel::BrownConrady`] this is the largest undistorted radius, in focal lengths, up to which the
     /// distortion is monotone: further out the formula folds back into the picture.
-    /// For [`LensModel::KannalaBrandt`] it is the tangent of `max_angle_rad`. Both are cut at 1000.
+    /// For a fisheye it is the tangent of `max_angle_rad`. Both are cut at 1000.
     #[must_use]
     pub fn max_radius(&self) -> f64 {
-        match self.lens {
-            LensModel::BrownConrady { .. } => Perspective::new(&self.lens).map_or(0.0, |lens| lens.max_radius()),
-            LensModel::KannalaBrandt { max_angle_rad, .. } => {
-                if max_angle_rad < MAX_TANGENT.atan() {
-                    max_angle_rad.tan().max(0.0)
-                } else {
-                    MAX_TANGENT
-                }
+        match Optics::of(&self.lens) {
+            Optics::Perspective(lens) => lens.max_radius(),
+            Optics::Fisheye(lens) if lens.max_angle_rad < MAX_TANGENT.atan() => lens.max_angle_rad.tan().max(0.0),
+            Optics::Fisheye(_) => MAX_TANGENT,
+        }
+    }
+
+    /// Distance in pixels from the picture of a point in the camera frame to the end of a fisheye's round picture, along
+    /// the radius; infinite for a perspective lens, negative for what the lens does not image.
+    #[must_use]
+    pub fn distance_to_rim_px(&self, point_camera: DVec3) -> f64 {
+        match Optics::of(&self.lens) {
+            Optics::Perspective(_) => f64::INFINITY,
+            Optics::Fisheye(lens) => {
+                let outwards = point_camera.truncate().try_normalize().unwrap_or(DVec2::X);
+                let angle = point_camera.angle_between(DVec3::Z);
+                (self.focal_px * outwards).length() * (lens.radius(lens.max_angle_rad) - lens.radius(angle))
             }
         }
     }
@@ -175,16 +167,34 @@ impl LensModel {
     /// `max_angle_rad`; for a perspective lens, more than 1 degree.
     #[must_use]
     pub fn is_usable(&self) -> bool {
-        match *self {
-            Self::BrownConrady { .. } => {
-                Perspective::new(self).is_some_and(|lens| lens.is_monotone_to(1f64.to_radians().tan().powi(2)))
-            }
-            Self::KannalaBrandt { k, max_angle_rad } => {
-                const STEPS: u32 = 4096;
-                let monotone =
-                    (0..=STEPS).all(|i| fisheye_slope(&k, max_angle_rad * f64::from(i) / f64::from(STEPS)) > 0.0);
-                max_angle_rad > 0.0 && max_angle_rad <= std::f64::consts::PI && monotone
-            }
+        match Optics::of(self) {
+            Optics::Perspective(lens) => lens.is_monotone_to(1f64.to_radians().tan().powi(2)),
+            Optics::Fisheye(lens) => lens.is_one_to_one(),
+        }
+    }
+}
+
+/// The formulas behind a [`LensModel`].
+enum Optics {
+    Perspective(Perspective),
+    Fisheye(Fisheye),
+}
+
+impl Optics {
+    fn of(lens: &LensModel) -> Self {
+        match *lens {
+            LensModel::BrownConrady { k1, k2, p1, p2, k3 } => Self::Perspective(Perspective {
+                radial: [k1, k2, k3],
+                tangential: DVec2::new(p1, p2),
+            }),
+            LensModel::KannalaBrandt { k, max_angle_rad } => Self::Fisheye(Fisheye {
+                law: fisheye::Law::Polynomial(k),
+                max_angle_rad,
+            }),
+            LensModel::Equisolid { max_angle_rad } => Self::Fisheye(Fisheye {
+                law: fisheye::Law::Equisolid,
+                max_angle_rad,
+            }),
         }
     }
 }
@@ -202,17 +212,6 @@ struct Perspective {
 }
 
 impl Perspective {
-    /// `None` for a lens of another kind.
-    fn new(lens: &LensModel) -> Option<Self> {
-        match *lens {
-            LensModel::BrownConrady { k1, k2, p1, p2, k3 } => Some(Self {
-                radial: [k1, k2, k3],
-                tangential: DVec2::new(p1, p2),
-            }),
-            LensModel::KannalaBrandt { .. } => None,
-        }
-    }
-
     /// The point on the plane z = 1, or `None` where the lens does not image it.
     fn plane_point(&self, point: DVec3) -> Option<DVec2> {
         if point.z <= 0.0 {
@@ -330,70 +329,6 @@ fn positive_to(coefficients: [f64; 4], end: f64) -> bool {
         .all(|s| !(s > 0.0 && s < end) || value(s) > 0.0)
 }
 
-/// Distance from the principal point, in focal lengths, at this angle to the axis.
-fn fisheye_radius(k: &[f64; 4], angle: f64) -> f64 {
-    let s = angle * angle;
-    angle * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
-}
-
-/// Derivative of [`fisheye_radius`] by the angle.
-fn fisheye_slope(k: &[f64; 4], angle: f64) -> f64 {
-    let s = angle * angle;
-    1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
-}
-
-/// Inverse of [`fisheye_radius`]: Newton's method, kept inside a shrinking bracket.
-fn fisheye_angle(k: &[f64; 4], max_angle: f64, radius: f64) -> Option<f64> {
-    let end = fisheye_radius(k, max_angle);
-    if radius > end + INVERSE_TOLERANCE {
-        return None;
-    }
-    let (mut low, mut high) = (0.0, max_angle);
-    let mut angle = radius.min(max_angle);
-    for _ in 0..INVERSE_ITERATIONS {
-        let residual = fisheye_radius(k, angle) - radius;
-        if residual.abs() <= 1e-15 {
-            break;
-        }
-        if residual > 0.0 {
-            high = angle;
-        } else {
-            low = angle;
-        }
-        let newton = angle - residual / fisheye_slope(k, angle);
-        angle = if newton > low && newton < high {
-            newton
-        } else {
-            0.5 * (low + high)
-        };
-    }
-    ((fisheye_radius(k, angle) - radius).abs() < 1e-10).then_some(angle)
-}
-
-/// Gradients of the normalised picture coordinates of a fisheye with respect to the point.
-fn fisheye_gradient(k: &[f64; 4], point: DVec3) -> [DVec3; 2] {
-    let DVec3 { x, y, z } = point;
-    let rho = point.truncate().length();
-    if rho <= AXIS_RATIO * z.abs() && z > 0.0 {
-        return [
-            DVec3::new(1.0 / z, 0.0, -x / (z * z)),
-            DVec3::new(0.0, 1.0 / z, -y / (z * z)),
-        ];
-    }
-    let angle = rho.atan2(z);
-    let scale = fisheye_radius(k, angle) / rho;
-    // Derivatives of the angle by rho and by z.
-    let distance_squared = point.length_squared();
-    let slope = fisheye_slope(k, angle);
-    let scale_by_rho = (slope * z / distance_squared - scale) / rho;
-    let scale_by_z = -slope / distance_squared;
-    let (a, b) = (x / rho, y / rho);
-    [
-        DVec3::new(scale + x * a * scale_by_rho, x * b * scale_by_rho, x * scale_by_z),
-        DVec3::new(y * a * scale_by_rho, scale + y * b * scale_by_rho, y * scale_by_z),
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
@@ -434,6 +369,10 @@ mod tests {
             .prop_filter("one to one", |intrinsics| intrinsics.lens.is_usable())
     }
 
+    fn equisolid() -> impl Strategy<Value = Intrinsics> {
+        (0.3f64..3.1).prop_map(|max_angle_rad| with_lens(LensModel::Equisolid { max_angle_rad }))
+    }
+
     fn ray(angle: f64, turn: f64) -> DVec3 {
         DVec3::new(angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos())
     }
@@ -472,9 +411,13 @@ mod tests {
 
         #[test]
         fn fisheye_round_trip(
-            lens in fisheye(), part in 0.0f64..0.999, turn in 0.0..2.0 * PI, distance in 0.1f64..10.0,
+            lens in prop_oneof![fisheye(), equisolid()], part in 0.0f64..0.999, turn in 0.0..2.0 * PI,
+            distance in 0.1f64..10.0,
         ) {
-            let LensModel::KannalaBrandt { max_angle_rad, .. } = lens.lens else { panic!("a fisheye") };
+            let max_angle_rad = match lens.lens {
+                LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad } => max_angle_rad,
+                LensModel::BrownConrady { .. } => panic!("a fisheye"),
+            };
             let direction = ray(part * max_angle_rad, turn);
             let pixel = lens.project(direction * distance).expect("within the largest angle");
             let back = lens.unproject(pixel).expect("a pixel that a ray maps to");
@@ -558,5 +501,47 @@ mod tests {
         assert_eq!(lens.project(ray(92.6f64.to_radians(), 1.0)), None);
         assert_eq!(lens.project(DVec3::Z * 2.0), Some(lens.principal_point_px));
         assert_eq!(lens.project(DVec3::NEG_Z), None);
+    }
+
+    #[test]
+    fn equal_solid_angles_have_equal_areas_in_an_equisolid_lens() {
+        let lens = with_lens(LensModel::Equisolid { max_angle_rad: 2.0 });
+        // Area of the zone between two angles over its solid angle 2π (cos a - cos b) is f².
+        for (a, b) in [(0.0f64, 0.1f64), (0.7, 0.8), (1.8, 1.99)] {
+            let radius = |angle: f64| {
+                let pixel = lens.project(ray(angle, 0.0)).expect("inside") - lens.principal_point_px;
+                pixel.x / lens.focal_px.x
+            };
+            let area = PI * (radius(b).powi(2) - radius(a).powi(2));
+            let solid_angle = 2.0 * PI * (a.cos() - b.cos());
+            assert!((area / solid_angle - 1.0).abs() < 1e-12);
+        }
+        assert!((lens.project(ray(1.0, 0.0)).expect("inside").x - (320.9 + 605.5 * 2.0 * 0.5f64.sin())).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_rim_of_a_fisheye_is_as_far_as_its_picture_says() {
+        for lens in [
+            LensModel::Equisolid { max_angle_rad: 1.6 },
+            LensModel::KannalaBrandt {
+                k: [-0.0121, 0.0058, -0.0021, 0.00021],
+                max_angle_rad: 1.6,
+            },
+        ] {
+            let lens = with_lens(lens);
+            let point = 0.7 * ray(1.2, 0.8);
+            let rim = lens.project(ray(1.6 - 1e-12, 0.8)).expect("inside");
+            let apart = lens.project(point).expect("inside").distance(rim);
+            assert!((lens.distance_to_rim_px(point) - apart).abs() < 1e-6);
+            assert!(lens.distance_to_rim_px(ray(1.7, 0.3)) < 0.0);
+        }
+        let perspective = with_lens(LensModel::BrownConrady {
+            k1: 0.0,
+            k2: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            k3: 0.0,
+        });
+        assert_eq!(perspective.distance_to_rim_px(DVec3::Z), f64::INFINITY);
     }
 }

@@ -37,7 +37,7 @@
 //!
 //! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a
 //! pose; [`probe`] turns a picture of a mirror ball or of a fisheye camera into radiance from every direction, [`lights`]
-//! that into a few lights; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
+//! that into a few lights; [`merge`] makes one radiance of several exposures; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -64,6 +64,7 @@
 
 pub mod camera;
 pub mod lights;
+pub mod merge;
 pub mod photometry;
 pub mod pose;
 pub mod probe;

@@ -3,7 +3,10 @@
 use glam::{DMat3, DVec2};
 use mirrorball_capture::frame::Exposure;
 
-use crate::response::ResponseCurve;
+use crate::{
+    merge::noise::{ChannelNoise, ChannelTable},
+    response::ResponseCurve,
+};
 
 /// How a camera turns radiance L into codes.
 ///
@@ -43,6 +46,31 @@ impl Photometry {
         exposure
             .white_balance
             .map(|white_balance| exposure.gain * white_balance * self.sensitivity * exposure.time_s)
+    }
+
+    /// What decides the noise of red, green and blue at an exposure: gain and white balance multiply electrons.
+    #[must_use]
+    pub fn channel_noise(&self, exposure: &Exposure) -> [ChannelNoise; 3] {
+        let signal = self.signal_per_radiance(exposure);
+        std::array::from_fn(|channel| ChannelNoise {
+            signal_per_radiance: signal[channel],
+            signal_per_electron: exposure.gain * exposure.white_balance[channel] / self.full_well_e,
+            read_noise_e: self.read_noise_e,
+            code_noise: 0.0,
+        })
+    }
+
+    /// Variance of the radiance that one pixel of this code tells, for red, green and blue, in the camera's own primaries,
+    /// where `vignetting` (above 0) of the light arrives: shot noise, read noise and rounding.
+    ///
+    /// At a clipped code, the variance of the bound that it stands for. For many pixels make a
+    /// [`VarianceTable`](crate::merge::noise::VarianceTable).
+    #[must_use]
+    pub fn radiance_variance(&self, code: u8, exposure: &Exposure, vignetting: f64) -> [f32; 3] {
+        self.channel_noise(exposure).map(|noise| {
+            let sample = ChannelTable::new(&self.response, &noise).sample(code, vignetting as f32);
+            sample.variance_at(sample.radiance)
+        })
     }
 }
 

@@ -114,6 +114,26 @@ impl ResponseCurve {
         &self.linear_f32
     }
 
+    /// How wide the code is on the scale of the signal: the mean distance to its neighbours' signals, or the distance to
+    /// the only neighbour.
+    #[must_use]
+    pub fn code_width(&self, code: u8) -> f64 {
+        let (below, above) = (code.saturating_sub(1), code.saturating_add(1));
+        (self.linear_from_code(above) - self.linear_from_code(below)) / f64::from(above - below)
+    }
+
+    /// The first code that stands for its signal and everything above; at least 1.
+    #[must_use]
+    pub fn first_clipped_code(&self) -> u8 {
+        self.linear.partition_point(|&y| y < self.linear[CODES - 1]) as u8
+    }
+
+    /// The last code that stands for its signal and everything below; below [`Self::first_clipped_code`].
+    #[must_use]
+    pub fn last_black_code(&self) -> u8 {
+        (self.linear.partition_point(|&y| y <= self.linear[0]) - 1) as u8
+    }
+
     /// The code that the camera gives to a linear signal; signals outside 0 to 1 are clipped, NaN gives 0.
     ///
     /// The inverse of [`Self::linear_from_code`] for every code whose value no other code has.

@@ -9,13 +9,12 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
 use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
-use crate::node::{MeasuredFrame, RenderNode, RenderedFrame, Work, check_size};
-use crate::passes::radiance_map::{CubePlace, gpu_probe};
+use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::Light;
 use mirrorball_calib::lights::KeyLight;
-use mirrorball_calib::probe::radiance::{Picture, luminance};
-use mirrorball_calib::probe::{ProbeOptics, View};
+use mirrorball_calib::probe::ProbeOptics;
+use mirrorball_calib::probe::radiance::luminance;
 
 /// Height over the receiver that a penumbra is filtered for, metres: half of a thing that stands on a table.
 const CASTER_HEIGHT_M: f32 = 0.03;
@@ -25,9 +24,6 @@ const SINGLE_TAP_SHARE: f32 = 0.02;
 const CASTER_MARGIN_M: f32 = 0.01;
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
 const RECEIVER_MARGIN_M: f32 = 0.1;
-
-/// A picture of the probe: frame, camera and where that was.
-type ProbeView<'a> = (&'a Frame, &'a Camera, Pose);
 
 impl RenderNode {
     /// Renders the virtual objects into the scene camera's frame.
@@ -81,65 +77,6 @@ impl RenderNode {
             rgba,
             stages_ms,
         })
-    }
-
-    /// Takes the probe's picture in, if there is a new one.
-    fn measure_light(&mut self, set: &FrameSet, frame: &Frame, pose: Option<&Pose>) -> Result<(), RenderError> {
-        let rig = &self.rig;
-        let scene_camera = rig.scene_camera();
-        let view: Option<ProbeView<'_>> = match rig.probe_camera() {
-            Some(camera) => set
-                .camera(&camera.name)
-                .zip(camera.camera_from_world)
-                .map(|(frame, pose)| (frame, camera, pose)),
-            None => pose.map(|pose| (frame, scene_camera, *pose)),
-        };
-        let Some((probe_frame, probe_camera, camera_from_world)) = view else {
-            return Ok(());
-        };
-        check_size(probe_frame, probe_camera)?;
-        let this = MeasuredFrame {
-            sequence: probe_frame.meta.sequence,
-            timestamp_ns: probe_frame.meta.timestamp_ns,
-            with_pose: pose.is_some(),
-        };
-        // The same picture again tells nothing new, unless only now the papers can be read.
-        if self.measured.is_some_and(|last| {
-            last == this
-                || last
-                    == MeasuredFrame {
-                        with_pose: true,
-                        ..this
-                    }
-        }) {
-            return Ok(());
-        }
-        let camera = self.gpu_camera(probe_camera, &camera_from_world, probe_frame);
-        let picture = match &mut self.pictures.probe {
-            Some(picture) => {
-                picture.upload(&self.gpu, probe_frame);
-                &*picture
-            }
-            None => &self.pictures.scene,
-        };
-        let scene_view = pose.map(|pose| View {
-            picture: Picture::new(frame, scene_camera),
-            camera: scene_camera,
-            camera_from_world: *pose,
-        });
-        let config = &self.config.probe;
-        let place = CubePlace {
-            origin_m: self.probe.optics().position_m(),
-            room_m: self.probe.room_m(),
-        };
-        let probe = gpu_probe(self.probe.optics(), camera.position_m.truncate(), config, place);
-        let measured = self
-            .passes
-            .radiance_map
-            .run(&self.gpu, &mut self.timer, (&camera, &probe, picture))?;
-        self.light = Some(self.probe.update(&measured, scene_view.as_ref(), &self.occluders));
-        self.measured = Some(this);
-        Ok(())
     }
 
     /// The light moved to every virtual object, and nothing else.
@@ -220,7 +157,7 @@ impl RenderNode {
         passes.composite.read(gpu)
     }
 
-    fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {
+    pub(crate) fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {
         let view = self.config.view;
         GpuCamera::new(
             camera,

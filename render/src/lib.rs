@@ -26,6 +26,7 @@ pub mod environments;
 pub mod error;
 pub mod frame;
 pub mod gpu;
+pub mod measure;
 pub mod node;
 pub mod output;
 pub mod passes;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use mirrorball_calib::camera::LensModel;
-use mirrorball_calib::rig::{Camera, Rig};
+use mirrorball_calib::rig::{Camera, Rig, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::config::RenderConfig;
@@ -11,6 +11,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::{GpuCamera, MAX_LIGHTS};
+use crate::measure::BlindView;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, DirectLight};
@@ -68,8 +69,12 @@ pub struct RenderNode {
     pub(crate) tracker: Tracker,
     pub(crate) probe: LightProbe,
     pub(crate) light: Option<Light>,
-    /// The probe frame that `light` comes from.
-    pub(crate) measured: Option<MeasuredFrame>,
+    /// Per camera of the rig, the last frame that was taken into the light.
+    pub(crate) measured: Vec<Option<MeasuredFrame>>,
+    /// Frames since the light was last measured.
+    pub(crate) light_age: u64,
+    /// The camera that last showed nothing of the light, and why.
+    pub(crate) blind: Option<(String, BlindView)>,
     pub(crate) timer: Timer,
     pub(crate) bounds: Bounds,
     pub(crate) pictures: Pictures,
@@ -98,8 +103,8 @@ pub(crate) struct Bounds {
 #[derive(Debug)]
 pub(crate) struct Pictures {
     pub(crate) scene: PictureBuffers,
-    /// Of the fixed probe camera, if there is one.
-    pub(crate) probe: Option<PictureBuffers>,
+    /// Of every camera of the rig that stands still.
+    pub(crate) probes: Vec<Option<PictureBuffers>>,
     pub(crate) camera: wgpu::Buffer,
     pub(crate) radiance: CubeTexture,
     pub(crate) far: CubeTexture,
@@ -140,7 +145,11 @@ impl RenderNode {
         let cube_size = config.probe.cube_size;
         let pictures = Pictures {
             scene: PictureBuffers::new(&gpu, camera),
-            probe: rig.probe_camera().map(|camera| PictureBuffers::new(&gpu, camera)),
+            probes: rig
+                .cameras
+                .iter()
+                .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(&gpu, camera)))
+                .collect(),
             camera: gpu.buffer("scene camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
             radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
             far: CubeTexture::new(&gpu, "light: room", cube_size),
@@ -150,7 +159,9 @@ impl RenderNode {
             tracker: Tracker::new(&rig),
             timer: Timer::new(&gpu),
             light: None,
-            measured: None,
+            measured: vec![None; rig.cameras.len()],
+            light_age: 0,
+            blind: None,
             gpu,
             rig,
             config,

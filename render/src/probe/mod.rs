@@ -2,6 +2,7 @@
 //! could not count put back.
 
 pub mod clipped;
+pub mod fusion;
 pub mod meter;
 mod strong_lights;
 pub mod surroundings;
@@ -9,15 +10,14 @@ pub mod surroundings;
 use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::lights::{KeyLight, LightChooser};
 use mirrorball_calib::probe::cube::Cube;
-use mirrorball_calib::probe::radiance::luminance;
 use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
 use mirrorball_calib::rig::Rig;
-use rayon::prelude::*;
 
 use crate::config::{ProbeConfig, RenderConfig};
 use crate::scene::occluders::Occluders;
 use clipped::strong_regions;
+use fusion::{Fusion, ViewNoise};
 use meter::{KnownLight, LightMeter, MAX_REGIONS, MeterFit};
 use strong_lights::StrongLights;
 use surroundings::NOTHING_M;
@@ -39,15 +39,9 @@ pub struct Light {
     pub meter: MeterFit,
 }
 
-/// What is remembered of a texel.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Memory {
-    radiance: Vec3,
-    /// Frames in the average, 0 when never seen.
-    frames: u8,
-    /// Channels clipped anywhere in the texel when last seen (bits 0 to 2) and everywhere in it (bits 3 to 5).
-    clipped: u8,
-}
+/// Confidence from which on a texel is shown as it was seen; below it the more is filled in from around it the less is
+/// known.
+const FULL_CONFIDENCE: f32 = 0.2;
 
 /// The light probe over time.
 #[derive(Debug)]
@@ -57,7 +51,7 @@ pub struct LightProbe {
     near_m: Cube<f32>,
     chooser: LightChooser,
     meter: LightMeter,
-    memory: Vec<Memory>,
+    fusion: Fusion,
     strong: StrongLights,
     n_updates: usize,
 }
@@ -80,7 +74,7 @@ impl LightProbe {
             config: config.probe,
             chooser: LightChooser::new(&open, config.shadow.dome_lights, config.shadow.bright_lights),
             meter: LightMeter::new(rig, occluders, interest, &mirrors_of(rig)),
-            memory: vec![Memory::default(); near_m.texels().len()],
+            fusion: Fusion::new(size, config.probe.change_ratio, config.probe.average_frames),
             near_m,
             optics,
             strong: StrongLights::default(),
@@ -106,19 +100,24 @@ impl LightProbe {
         self.config.room_distance_m
     }
 
-    /// Takes a measured cube in ([`Seen::pack`]ed) and gives the light. Without a view of the scene (no pose) nothing is put back from the papers.
-    pub fn update(&mut self, measured: &[Vec4], view: Option<&View<'_>>, occluders: &Occluders) -> Light {
-        self.remember(measured);
-        if let Some(view) = view {
-            self.look_from_camera(measured, view, occluders);
+    /// Takes in what views of one moment show (texels as [`Seen::pack`] packs them, with their noise) and gives the light.
+    ///
+    /// `scene` is the scene camera's picture with its noise; without it (no pose) nothing is read off surfaces.
+    pub fn update(
+        &mut self,
+        views: &[(&[Vec4], &ViewNoise)],
+        scene: Option<(&View<'_>, &ViewNoise)>,
+        occluders: &Occluders,
+    ) -> Light {
+        self.fusion.take(views);
+        if let Some((view, noise)) = scene {
+            self.look_from_camera(view, noise, occluders);
         }
         self.n_updates += 1;
         let (mut far, mut radiance) = self.filled();
-        let clipped = Cube::from_texels(self.near_m.size(), self.memory.iter().map(|m| m.clipped).collect())
-            .unwrap_or_else(|| self.near_m.map(|_| 0));
-        let regions = strong_regions(&clipped, &self.near_m, &far);
+        let regions = strong_regions(&self.fusion.clipped(), &self.near_m, &far);
         let regions = &regions[..regions.len().min(MAX_REGIONS)];
-        let readings = view.map_or_else(Vec::new, |view| self.meter.read(view, occluders));
+        let readings = scene.map_or_else(Vec::new, |(view, _)| self.meter.read(view, occluders));
         let room_m = self.config.room_distance_m;
         let known = KnownLight {
             probe_m: self.optics.position_m(),
@@ -163,50 +162,52 @@ impl LightProbe {
         }
     }
 
-    /// Averages what stays and replaces what changed.
-    fn remember(&mut self, measured: &[Vec4]) {
-        let config = self.config;
-        self.memory.par_iter_mut().zip(measured).for_each(|(memory, texel)| {
-            if let Some(seen) = Seen::unpack(*texel) {
-                memory.take(seen.radiance, seen.clipped | (seen.clipped_everywhere << 3), &config);
-            }
-        });
-    }
-
-    /// Fills in phantoms that the probe cannot see but the scene camera can; a quarter of them per frame after the first.
-    fn look_from_camera(&mut self, measured: &[Vec4], view: &View<'_>, occluders: &Occluders) {
+    /// Fills in what the probe does not see but the scene camera does: phantoms, a quarter of them per picture after the
+    /// first, and the room where nothing is known of it.
+    fn look_from_camera(&mut self, view: &View<'_>, noise: &ViewNoise, occluders: &Occluders) {
         const PARTS: usize = 4;
-        let config = self.config;
+        /// A surface that the camera sees straight is where its phantom says, give or take.
+        const PHANTOM_QUALITY: f32 = 0.3;
+        /// The room's distance is a guess, so what it looks like from elsewhere is one as well.
+        const ROOM_QUALITY: f32 = 0.05;
         let (probe_m, near_m, n) = (self.optics.position_m(), &self.near_m, self.n_updates);
+        let room_m = self.config.room_distance_m;
         let eye = view.camera_from_world.inverse().translation.as_vec3();
-        self.memory.par_iter_mut().enumerate().for_each(|(index, memory)| {
+        self.fusion.take_elsewhere(noise, |index| {
             let distance = near_m.texels()[index];
-            if measured[index].w >= 1.0 || distance >= NOTHING_M || (n > 0 && index % PARTS != n % PARTS) {
-                return;
+            if n > 0 && index % PARTS != n % PARTS {
+                return None;
             }
+            let (distance, quality) = if distance < NOTHING_M {
+                (distance, PHANTOM_QUALITY)
+            } else {
+                (room_m, ROOM_QUALITY)
+            };
             let point = probe_m + near_m.direction(index) * distance;
             let in_camera = view.camera_from_world.transform_point(DVec3::from(point));
-            let sample = view
-                .camera
-                .intrinsics
-                .project(in_camera)
-                .and_then(|pixel| view.picture.sample(pixel));
-            if let Some(sample) = sample
-                && !occluders.blocks(eye, point)
-            {
-                memory.take(sample.radiance, sample.clipped, &config);
-            }
+            let pixel = view.camera.intrinsics.project(in_camera)?;
+            let sample = view.picture.sample(pixel)?;
+            (!occluders.blocks(eye, point)).then_some(Seen {
+                radiance: sample.radiance,
+                clipped: sample.clipped,
+                clipped_everywhere: sample.clipped,
+                quality,
+            })
         });
     }
 
     /// Every direction filled: the room alone, and the room with the phantoms before it.
     fn filled(&self) -> (Cube<Vec3>, Cube<Vec3>) {
         let known = |is_near: bool| {
-            let texel = |(memory, &near): (&Memory, &f32)| {
-                let is_known = memory.frames > 0 && (near < NOTHING_M) == is_near;
-                memory.radiance.extend(if is_known { 1.0 } else { 0.0 })
+            let texel = |(index, &near): (usize, &f32)| {
+                let share = if (near < NOTHING_M) == is_near {
+                    (self.fusion.confidence(index) / FULL_CONFIDENCE).min(1.0)
+                } else {
+                    0.0
+                };
+                self.fusion.radiance(index).extend(share)
             };
-            let texels = self.memory.iter().zip(self.near_m.texels()).map(texel).collect();
+            let texels = self.near_m.texels().iter().enumerate().map(texel).collect();
             Cube::from_texels(self.near_m.size(), texels).unwrap_or_else(|| self.near_m.map(|_| Vec4::ZERO))
         };
         let far = fill::fill_unknown(&known(false));
@@ -230,23 +231,4 @@ impl LightProbe {
 fn mirrors_of(rig: &Rig) -> Vec<(Vec3, f32)> {
     let of_ball = |ball: &mirrorball_calib::rig::Ball| (ball.center_m.as_vec3(), 1.05 * ball.radius_m as f32);
     rig.ball.iter().map(of_ball).collect()
-}
-
-impl Memory {
-    /// Takes a measurement in; one that is no finite number (an exposure of almost nothing) is left out.
-    fn take(&mut self, radiance: Vec3, clipped: u8, config: &ProbeConfig) {
-        if !radiance.is_finite() {
-            return;
-        }
-        let (new, old) = (luminance(radiance), luminance(self.radiance));
-        let has_changed =
-            self.frames == 0 || (new - old).abs() > config.change_ratio * old || clipped & 7 != self.clipped & 7;
-        self.frames = if has_changed {
-            1
-        } else {
-            (self.frames + 1).min(config.average_frames as u8)
-        };
-        self.radiance += (radiance - self.radiance) / f32::from(self.frames);
-        self.clipped = clipped;
-    }
 }

@@ -24,8 +24,6 @@ pub(super) struct Solution {
     /// Row minus explanation, in standard deviations.
     pub(super) deviations: Vec<f32>,
     pub(super) cost: f32,
-    /// Standard deviation of every value, the others held at theirs.
-    pub(super) sigmas: Vec<f32>,
 }
 
 /// Sums over all rows: the normal matrix, row after row, and the right side.
@@ -50,20 +48,10 @@ impl Unknowns {
                 *weight = 1.0 / (off.abs() / HUBER).max(1.0);
             }
         }
-        let normal = self.normal(offsets, &weights);
-        let n = values.len();
-        let sigmas = (0..n)
-            .map(|k| {
-                1.0 / (normal.matrix[k * n + k] + f64::from(self.priors[k].1))
-                    .max(1e-12)
-                    .sqrt() as f32
-            })
-            .collect();
         Solution {
             cost: self.cost(&deviations, &values),
             values,
             deviations,
-            sigmas,
         }
     }
 

@@ -37,7 +37,7 @@ use super::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
 use shapes::RegionShape;
 use sight::Sight;
-use solve::{Row, Rows};
+use solve::{Parts, Row, Rows};
 use spots::{RAYS, Reflectance, Spot};
 
 /// Regions beyond this number, by size, are left as the camera saw them.
@@ -278,6 +278,7 @@ impl Question {
             return distances.into_iter().zip(sigmas).collect();
         }
         let shares = self.rows.shares(&distances);
+        let parts = self.rows.all_parts(&distances);
         // Twice, as the regions share the readings between them.
         for round in 0..2 {
             for region in 0..distances.len() {
@@ -288,12 +289,12 @@ impl Question {
                 let is_known = round > 0 || expected_m[region].is_some();
                 let near = is_known.then(|| {
                     let around = NEAR_FACTORS.map(|factor| distances[region] * factor);
-                    self.best_distance(&distances, region, room_m, &around)
+                    self.best_distance((&distances, region), room_m, &around, &parts)
                 });
                 // A best distance at the end of those near by may be beyond it.
                 (distances[region], sigmas[region]) = near.filter(|best| best.1.is_finite()).unwrap_or_else(|| {
                     let all = DISTANCE_FACTORS.map(|factor| room_m * factor);
-                    self.best_distance(&distances, region, room_m, &all)
+                    self.best_distance((&distances, region), room_m, &all, &parts)
                 });
             }
         }
@@ -301,13 +302,19 @@ impl Question {
     }
 
     /// The best of the candidates for one region, the others held, with the standard deviation of its logarithm.
-    fn best_distance(&self, distances: &[f32], region: usize, room_m: f32, candidates: &[f32]) -> (f32, f32) {
+    fn best_distance(
+        &self,
+        (distances, region): (&[f32], usize),
+        room_m: f32,
+        candidates: &[f32],
+        parts: &[Parts; 3],
+    ) -> (f32, f32) {
         let costs: Vec<f32> = candidates
             .par_iter()
             .map(|&candidate| {
                 let mut distances = distances.to_vec();
                 distances[region] = candidate;
-                self.rows.cost(&distances) + DISTANCE_PRIOR * (candidate / room_m).log2().powi(2)
+                self.rows.cost(&distances, parts) + DISTANCE_PRIOR * (candidate / room_m).log2().powi(2)
             })
             .collect();
         lowest(candidates, &costs)

@@ -44,12 +44,15 @@ impl Row {
 
 /// What the patches of a part are good for.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+pub(super) struct Part {
     /// Diffuse reflectance per channel, roughly.
     reflectance: Vec3,
     /// Relative standard deviation of a patch.
     sigma: f32,
 }
+
+/// The parts of the phantoms; `None` for those that tell nothing.
+pub(super) type Parts = Vec<Option<Part>>;
 
 /// All readings with the regions that they are asked about.
 pub(super) struct Rows {
@@ -121,12 +124,20 @@ impl Rows {
             .collect()
     }
 
-    /// Cost of the best explanation with the regions at these distances, in squared standard deviations.
-    pub(super) fn cost(&self, distances_m: &[f32]) -> f32 {
+    /// What the parts are good for, channel by channel, with the regions at about these distances.
+    pub(super) fn all_parts(&self, distances_m: &[f32]) -> [Parts; 3] {
         let responses = self.responses(distances_m);
-        (0..3)
-            .map(|channel| self.solve(channel, &responses, &self.parts(&responses, channel)).1.cost)
-            .sum()
+        [0, 1, 2].map(|channel| self.parts(&responses, channel))
+    }
+
+    /// Cost of the best explanation by even light with the regions at these distances, in squared standard deviations.
+    pub(super) fn cost(&self, distances_m: &[f32], parts: &[Parts; 3]) -> f32 {
+        let responses = self.responses(distances_m);
+        let of_channel = |(channel, parts): (usize, &Parts)| {
+            let offsets = self.offsets(channel, &responses, parts);
+            self.unknowns(channel, &responses, parts, None).solve(&offsets).cost
+        };
+        parts.iter().enumerate().map(of_channel).sum()
     }
 
     /// Missing radiance of every pattern, and the papers' median relative residual.
@@ -193,7 +204,7 @@ impl Rows {
     }
 
     /// Reflectance and scatter of every part, from the light that the papers alone tell of.
-    fn parts(&self, responses: &Responses, channel: usize) -> Vec<Option<Part>> {
+    fn parts(&self, responses: &Responses, channel: usize) -> Parts {
         let papers = self.solve(channel, responses, &vec![None; self.n_parts]).1;
         let mut logs: Vec<Vec<f32>> = vec![Vec::new(); self.n_parts];
         for (k, row) in self.rows.iter().enumerate() {

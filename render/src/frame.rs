@@ -21,6 +21,8 @@ use mirrorball_calib::probe::{ProbeOptics, View};
 const CASTER_HEIGHT_M: f32 = 0.03;
 /// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
 const SINGLE_TAP_SHARE: f32 = 0.02;
+/// A light that is farther away than this counts as that far, metres: nothing near the probe sees the difference.
+const FARTHEST_LIGHT_M: f32 = 1000.0;
 /// How often the first probe picture is evaluated from which the room's distance can be told.
 const FIRST_LOOKS: u32 = 3;
 /// Room around a virtual object for the filter of its shadow, metres.
@@ -283,14 +285,15 @@ impl RenderNode {
                 } else {
                     Taps::Many
                 };
-                self.gpu_light(l, taps, (probe_m, light.room_m))
+                self.gpu_light(l, taps, probe_m)
             })
             .collect()
     }
 
-    /// A light at the room's distance from the probe, its shadows filtered for its size.
-    fn gpu_light(&self, light: &KeyLight, taps: Taps, (probe_m, room_m): (Vec3, f32)) -> GpuLight {
-        let position_m = probe_m + light.direction * room_m;
+    /// A light at its distance from the probe, its shadows filtered for its size.
+    fn gpu_light(&self, light: &KeyLight, taps: Taps, probe_m: Vec3) -> GpuLight {
+        let distance_m = light.distance_m.min(FARTHEST_LIGHT_M);
+        let position_m = probe_m + light.direction * distance_m;
         // Taps further apart than a texel and a half would show as copies of the edge.
         let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
         let radius = |receivers: Sphere| {
@@ -302,7 +305,7 @@ impl RenderNode {
         };
         GpuLight {
             position_m: position_m.extend(radius(self.receivers())),
-            intensity: (light.irradiance * room_m * room_m).extend(radius(self.bounds.virtuals)),
+            intensity: (light.irradiance * distance_m * distance_m).extend(radius(self.bounds.virtuals)),
         }
     }
 }

@@ -7,7 +7,7 @@ pub mod light_meter;
 pub mod surroundings;
 
 use glam::{DVec3, Vec3, Vec4};
-use mirrorball_calib::lights::{KeyLight, LightChooser};
+use mirrorball_calib::lights::{KeyLight, LightCounts, LightTracker};
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::radiance::luminance;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
@@ -51,7 +51,7 @@ pub struct LightProbe {
     config: ProbeConfig,
     optics: ProbeOptics,
     near_m: Cube<f32>,
-    chooser: LightChooser,
+    lights: LightTracker,
     meter: LightMeter,
     memory: Vec<Memory>,
     room: Room,
@@ -81,9 +81,13 @@ impl LightProbe {
         let open = surroundings::open_directions(occluders, interest, OPEN_CUBE_SIZE);
         let size = config.probe.cube_size;
         let near_m = surroundings::distances_m(occluders, optics.position_m(), optics.own_extent_m(), size);
+        let counts = LightCounts {
+            dome: config.shadow.dome_lights,
+            bright: config.shadow.bright_lights,
+        };
         Self {
             config: config.probe,
-            chooser: LightChooser::new(&open, config.shadow.dome_lights, config.shadow.bright_lights),
+            lights: LightTracker::new(config.lights.method, &open, counts),
             meter: LightMeter::new(rig, occluders),
             memory: vec![Memory::default(); near_m.texels().len()],
             near_m,
@@ -167,7 +171,7 @@ impl LightProbe {
                 radiance.texels_mut()[texel] += brightness * *missing;
             }
         }
-        let lights = self.chooser.choose(&far);
+        let lights = self.lights.update(&far, &Cube::filled(1, self.room.used_m)).to_vec();
         Light {
             radiance,
             far,

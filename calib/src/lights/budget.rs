@@ -62,15 +62,13 @@ pub(super) struct Limits {
     pub(super) next_id: u32,
 }
 
-/// The two followers that one light would stand for at the least cost, and that cost; not those that cross others.
+/// The two followers that one light would stand for at the least cost, and that cost; not those that cross others
+/// or wait for their lamp to come back.
 pub(super) fn cheapest_pair(followers: &[Follower]) -> Option<(usize, usize, f32)> {
     let mut cheapest: Option<(usize, usize, f32)> = None;
-    for (b, second) in followers.iter().enumerate().filter(|(_, f)| f.contested_frames == 0) {
-        for (a, first) in followers[..b]
-            .iter()
-            .enumerate()
-            .filter(|(_, f)| f.contested_frames == 0)
-        {
+    let is_settled = |(_, f): &(usize, &Follower)| f.contested_frames == 0 && f.absent_frames == 0;
+    for (b, second) in followers.iter().enumerate().filter(is_settled) {
+        for (a, first) in followers[..b].iter().enumerate().filter(is_settled) {
             let distance_rad = first.center.distance(second.center);
             let cost = cost(first.gathered.power, second.gathered.power, distance_rad);
             if cheapest.is_none_or(|(_, _, least)| cost < least) {
@@ -99,6 +97,7 @@ pub(super) fn join(followers: &mut Vec<Follower>, a: usize, b: usize) {
     ) / total;
     kept.spread_rad = (kept.spread_rad.powi(2) * (1.0 - share) + gone.spread_rad.powi(2) * share + between).sqrt();
     kept.center = kept.center.lerp(gone.center, share).normalize_or(kept.center);
+    kept.seed = kept.center;
     kept.inverse_distance += (gone.inverse_distance - kept.inverse_distance) * share;
     kept.irradiance += gone.irradiance;
     kept.gathered

@@ -9,15 +9,19 @@ use super::gather::{Gathered, distance_m};
 /// Change of direction that is motion, not noise, radians (0.2°); smaller ones are averaged.
 const MOTION_RAD: f32 = 0.0035;
 /// Relative change of power that is another light, not noise; smaller ones are averaged.
-const CHANGE: f32 = 0.06;
+const CHANGE: f32 = 0.15;
 /// Weight of a new measurement that looks like noise.
-const MIN_GAIN: f32 = 0.2;
+const MIN_GAIN: f32 = 0.1;
 /// Weight of a new measurement of a light that another one crosses.
 const CONTESTED_GAIN: f32 = 0.1;
 /// Share of a correction of the place that corrects the velocity (alpha-beta filter).
 const VELOCITY_GAIN: f32 = 0.5;
-/// What is slower stands still, radians per frame (0.02°).
-const STILL_RAD: f32 = 3.5e-4;
+/// What is slower stands still, radians per frame (0.05°).
+const STILL_RAD: f32 = 8.7e-4;
+/// How far the light of a still follower may lie off its seed: at least this, radians (0.25°), ...
+const SLACK_RAD: f32 = 0.0044;
+/// ... and this share of its spread.
+const SLACK_OF_SPREAD: f32 = 0.15;
 /// Frames in which a new light takes every measurement as it is.
 const YOUNG_FRAMES: u8 = 3;
 
@@ -27,6 +31,9 @@ pub(super) struct Follower {
     pub(super) id: u32,
     /// Where it is; between [`Follower::predict`] and [`Follower::follow`], where it is expected.
     pub(super) center: Vec3,
+    /// Where it is when texels are shared out: at `center` while it moves. While it stands still the seed does too, within
+    /// some slack, or the parts of a large region would push each other about for ever, by each frame's noise.
+    pub(super) seed: Vec3,
     /// Radians per frame, tangent at `center`.
     pub(super) velocity: Vec3,
     /// Root mean square distance of its light from the centre, radians.
@@ -41,7 +48,7 @@ pub(super) struct Follower {
     pub(super) age_frames: u8,
     /// Light within this distance is its own, radians.
     pub(super) reach_rad: f32,
-    /// Its light in this frame, offsets from `center`.
+    /// Its light in this frame, offsets from `seed`.
     pub(super) gathered: Gathered,
 }
 
@@ -55,6 +62,7 @@ impl Follower {
         Self {
             id,
             center: region.mean,
+            seed: region.mean,
             velocity: Vec3::ZERO,
             spread_rad: gathered.spread_rad(),
             irradiance: gathered.irradiance,
@@ -70,6 +78,9 @@ impl Follower {
     /// Puts it where it should be in the next frame.
     pub(super) fn predict(&mut self) {
         self.center = (self.center + self.velocity).normalize_or(self.center);
+        if self.velocity != Vec3::ZERO {
+            self.seed = self.center;
+        }
     }
 
     /// Empties it, to gather the light of a map whose texels are so wide.
@@ -98,7 +109,8 @@ impl Follower {
         let is_contested = self.contested_frames > 0;
         let is_young = self.age_frames < YOUNG_FRAMES;
         self.age_frames = self.age_frames.saturating_add(1);
-        let off = self.gathered.direction(self.center) - self.center;
+        let seen = self.gathered.direction(self.seed);
+        let off = seen - self.center;
         let gain = match (is_contested, is_young) {
             (true, _) => CONTESTED_GAIN,
             (false, true) => 1.0,
@@ -114,15 +126,28 @@ impl Follower {
             let spread_gain = if is_young { 1.0 } else { MIN_GAIN };
             self.spread_rad += (self.gathered.spread_rad() - self.spread_rad) * spread_gain;
         }
+        self.move_seed(seen, is_contested || is_young);
         self.irradiance = smoothed(self.irradiance, self.gathered.irradiance, min_power);
         let (now, before) = (self.gathered.mean_inverse_distance(), self.inverse_distance);
         self.inverse_distance += (now - before) * gain_of_change(now, before, 0.0);
     }
 
+    fn move_seed(&mut self, seen: Vec3, is_restless: bool) {
+        if is_restless || self.velocity != Vec3::ZERO {
+            self.seed = self.center;
+            return;
+        }
+        let off = seen - self.seed;
+        let slack_rad = SLACK_RAD.max(SLACK_OF_SPREAD * self.spread_rad);
+        if off.length() > slack_rad {
+            self.seed = (seen - off.normalize_or_zero() * slack_rad).normalize_or(seen);
+        }
+    }
+
     /// Jumps to light that it lost.
     pub(super) fn catch(&mut self, region: &Region) {
         for ray in &region.rays {
-            self.gathered.add(ray, 1.0, self.center);
+            self.gathered.add(ray, 1.0, self.seed);
         }
         // It goes all the way there at once.
         self.age_frames = 0;
@@ -170,7 +195,7 @@ mod tests {
     #[test]
     fn noise_is_averaged_and_a_switched_lamp_is_not() {
         let noisy = smoothed(Vec3::splat(100.0), Vec3::splat(101.0), 0.1);
-        assert!((noisy.x - 100.2).abs() < 1e-3, "{noisy}");
+        assert!((noisy.x - 100.1).abs() < 1e-3, "{noisy}");
         assert_eq!(smoothed(Vec3::splat(100.0), Vec3::ZERO, 0.1), Vec3::ZERO);
         assert_eq!(smoothed(Vec3::ZERO, Vec3::splat(100.0), 0.1), Vec3::splat(100.0));
     }

@@ -112,7 +112,7 @@ impl Stable {
                 let Some((index, distance_squared)) = near else { break };
                 let follower = &mut self.followers[index];
                 let share = most * rest * gate(distance_squared.sqrt() / follower.reach_rad);
-                follower.gathered.add(ray, share, follower.center);
+                follower.gathered.add(ray, share, follower.seed);
                 rest -= share;
             }
             if rest > 0.0 {
@@ -177,7 +177,8 @@ impl Stable {
     fn settle(&mut self, texel_rad: f32) {
         for _ in 0..FIRST_STEPS {
             for follower in &mut self.followers {
-                follower.center = follower.gathered.direction(follower.center);
+                follower.center = follower.gathered.direction(follower.seed);
+                follower.seed = follower.center;
                 follower.spread_rad = follower.gathered.spread_rad();
             }
             self.assign(texel_rad);
@@ -295,7 +296,7 @@ impl Nearest {
             second: None,
         };
         for (index, follower) in followers.iter().enumerate() {
-            let squared = direction.distance_squared(follower.center);
+            let squared = direction.distance_squared(follower.seed);
             let outer_rad = OUTER_REACH * follower.reach_rad;
             if squared >= outer_rad * outer_rad {
                 continue;
@@ -315,7 +316,7 @@ impl Nearest {
         let (Some((a, near)), Some((b, far))) = (self.first, self.second) else {
             return 1.0;
         };
-        let between_rad = followers[a].center.distance(followers[b].center).max(1e-6);
+        let between_rad = followers[a].seed.distance(followers[b].seed).max(1e-6);
         let from_border_rad = (far - near) / (2.0 * between_rad);
         let t = (0.5 + 0.5 * from_border_rad / border_rad).min(1.0);
         t * t * (3.0 - 2.0 * t)

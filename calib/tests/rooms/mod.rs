@@ -86,7 +86,7 @@ impl Room {
             put_back: 14.0,
             ..Self::dim()
         }
-        .with(Lamp::rectangle(Vec3::new(-1.0, 0.3, 0.4), [13.9, 10.9], 4.0))
+        .with(Lamp::rectangle(Vec3::new(-1.0, 0.3, 0.4), [14.8, 11.8], 4.0))
         .with(Lamp::rectangle(Vec3::new(-1.0, 0.3, 0.4), [13.0, 10.0], 9.0))
     }
 

@@ -11,11 +11,23 @@
 // Distance to the first phantom from the object, per texel of its cube, metres; huge where there is none.
 @group(0) @binding(4) var<storage, read> hit_m: array<f32>;
 @group(0) @binding(5) var probe_radiance: texture_cube<f32>;
-@group(0) @binding(6) var far_radiance: texture_cube<f32>;
+// The room without phantoms and without the strong lights.
+@group(0) @binding(6) var behind_radiance: texture_cube<f32>;
 @group(0) @binding(7) var linear_sampler: sampler;
 @group(0) @binding(8) var camera_depth: texture_depth_2d;
 // rgb radiance; a: distance to what is seen, metres.
 @group(0) @binding(9) var out: texture_storage_2d_array<rgba16float, write>;
+// The room without phantoms; a: number of the strong light that the texel shows, from 1, 0 for none.
+@group(0) @binding(10) var far_faces: texture_2d_array<f32>;
+@group(0) @binding(11) var<uniform> strong: Strong;
+
+struct Strong {
+    lights: array<vec4f, 6>,
+    cones: array<vec4f, 6>,
+}
+
+// Places along the edge of a texel at which strong lights are looked for: they are small beside it and bright.
+const SUBSAMPLES: u32 = 4u;
 
 #import picture
 
@@ -34,23 +46,74 @@ fn surface_radiance(point: vec3f) -> vec3f {
     return textureSampleLevel(probe_radiance, linear_sampler, point - environment.probe_m.xyz, 0.0).rgb;
 }
 
+// Distance along unit `direction` from `start` to the sphere of `radius` around the origin, `start` taken as inside.
+fn to_sphere(start: vec3f, direction: vec3f, radius: f32) -> f32 {
+    let b = dot(start, direction);
+    return -b + sqrt(b * b + max(radius * radius - dot(start, start), 1e-4));
+}
+
+// Whether strong light `k` may show within `margin` radians of a direction, from a place relative to the probe.
+fn may_show(k: u32, from_probe: vec3f, direction: vec3f, margin: f32) -> bool {
+    let light = strong.lights[k];
+    let to_light = light.xyz * light.w - from_probe;
+    let seen_m = length(to_light);
+    // Half angles grow as the light comes nearer; a little more for lights that are not round.
+    let half_angle = 1.2 * strong.cones[k].x * light.w / max(seen_m, 0.05) + margin;
+    return light.w > 0.0 && (half_angle > 1.5 || dot(direction, to_light) > seen_m * cos(half_angle));
+}
+
+// What strong light `k` shows in a direction: rgb radiance; a: 1 where it is there, 0 beside it.
+fn strong_light(k: u32, from_probe: vec3f, direction: vec3f) -> vec4f {
+    let place = from_probe + direction * to_sphere(from_probe, direction, strong.lights[k].w);
+    let size = textureDimensions(far_faces).x;
+    let index = texel_index(size, place);
+    let texel = vec2u(index % size, index / size % size);
+    let found = textureLoad(far_faces, texel, index / (size * size), 0);
+    return select(vec4f(0.0), vec4f(found.rgb, 1.0), u32(found.a + 0.5) == k + 1u);
+}
+
+// Light from the room: the strong ones where they stand, before the rest on the sphere that the room is taken for.
+fn room_radiance(texel: vec3u, size: u32, from_probe: vec3f, behind: vec3f) -> vec3f {
+    let direction = texel_direction(size, texel, vec2f(0.5));
+    // Half a texel's diagonal, at the middle of a face.
+    let margin = 1.5 / f32(size);
+    var candidates = 0u;
+    for (var k = 0u; k < 6u; k++) {
+        candidates |= select(0u, 1u << k, may_show(k, from_probe, direction, margin));
+    }
+    if candidates == 0u {
+        return behind;
+    }
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < SUBSAMPLES * SUBSAMPLES; i++) {
+        let offset = (vec2f(f32(i % SUBSAMPLES), f32(i / SUBSAMPLES)) + 0.5) / f32(SUBSAMPLES);
+        let there = texel_direction(size, texel, offset);
+        var found = vec4f(0.0);
+        for (var k = 0u; k < 6u && found.a == 0.0; k++) {
+            if (candidates >> k & 1u) == 1u {
+                found = strong_light(k, from_probe, there);
+            }
+        }
+        sum += select(behind, found.rgb, found.a > 0.0);
+    }
+    return sum / f32(SUBSAMPLES * SUBSAMPLES);
+}
+
 @compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) texel: vec3u) {
     let size = textureDimensions(out).x;
     let direction = texel_direction(size, texel, vec2f(0.5));
     let hit = hit_m[(texel.z * size + texel.y) * size + texel.x];
-    let room_m = environment.position_m.w;
     var radiance: vec3f;
     var distance = hit;
     if hit < 1e6 {
         radiance = surface_radiance(environment.position_m.xyz + direction * hit);
     } else {
-        // Where the ray leaves the sphere that the room is taken for.
         let from_probe = environment.position_m.xyz - environment.probe_m.xyz;
-        let b = dot(from_probe, direction);
-        let inside = max(room_m * room_m - dot(from_probe, from_probe), 1e-4);
-        distance = -b + sqrt(b * b + inside);
-        radiance = textureSampleLevel(far_radiance, linear_sampler, from_probe + direction * distance, 0.0).rgb;
+        distance = to_sphere(from_probe, direction, environment.position_m.w);
+        let place = from_probe + direction * distance;
+        let behind = textureSampleLevel(behind_radiance, linear_sampler, place, 0.0).rgb;
+        radiance = room_radiance(texel, size, from_probe, behind);
     }
     textureStore(out, texel.xy, texel.z, vec4f(min(radiance, vec3f(60000.0)), min(distance, 60000.0)));
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use mirrorball_calib::lights::LightMethod;
 use mirrorball_calib::probe::Trust;
 use mirrorball_calib::probe::mapping::Mapping;
 use serde::Deserialize;
@@ -14,6 +15,8 @@ use crate::error::RenderError;
 pub struct RenderConfig {
     /// The light probe.
     pub probe: ProbeConfig,
+    /// How lights are found in the light.
+    pub lights: LightsConfig,
     /// Lights and their shadows.
     pub shadow: ShadowConfig,
     /// Near and far planes of the picture.
@@ -90,7 +93,15 @@ impl Default for ProbeConfig {
     }
 }
 
-/// How lights are chosen and their shadows filtered.
+/// How lights are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LightsConfig {
+    /// `stable`, `median_cut` or `regions`.
+    pub method: LightMethod,
+}
+
+/// How many lights there are and how their shadows are filtered.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadowConfig {
@@ -161,7 +172,12 @@ impl RenderConfig {
     }
 
     fn check(&self) -> Result<(), String> {
-        let Self { probe, shadow, view } = self;
+        let Self {
+            probe,
+            lights: _,
+            shadow,
+            view,
+        } = self;
         within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
         if probe.cube_size % 16 != 0 {
             return Err(format!(
@@ -206,6 +222,14 @@ mod tests {
     }
 
     #[test]
+    fn every_method_has_its_name() {
+        for method in LightMethod::ALL {
+            let config = RenderConfig::parse(&format!("[lights]\nmethod = \"{}\"", method.name())).unwrap();
+            assert_eq!(config.lights.method, method);
+        }
+    }
+
+    #[test]
     fn bad_values_name_the_key_and_the_range() {
         for (text, expected) in [
             (
@@ -224,6 +248,10 @@ mod tests {
             ("[probe]\nroom = 1", "unknown field `room`"),
             ("[probe]\nmapping = \"half\"", "expected `exact` or `simple`"),
             ("[probe]\nwrap = 1.5", "`probe.wrap` is `1.5`; allowed are 0 ..= 1"),
+            (
+                "[lights]\nmethod = \"brightest\"",
+                "unknown variant `brightest`, expected one of `stable`, `median_cut`, `regions`",
+            ),
         ] {
             let message = RenderConfig::parse(text).unwrap_err();
             assert!(message.contains(expected), "{message}");

@@ -24,8 +24,10 @@ pub const SH_STRIDE_BYTES: u64 = 256;
 #[derive(Debug)]
 pub struct CubeTexture {
     texture: wgpu::Texture,
-    /// All six faces.
+    /// All six faces as a cube.
     pub view: wgpu::TextureView,
+    /// All six faces as layers.
+    pub faces: wgpu::TextureView,
     texels: Vec<[f16; 4]>,
 }
 
@@ -35,18 +37,20 @@ impl CubeTexture {
     pub fn new(gpu: &Gpu, label: &str, size: u32) -> Self {
         let texture = gpu.texture(label, TextureShape::layered([size; 2], FACES as u32), RADIANCE_FORMAT);
         let view = texture.create_view(&cube_view(0, 1));
+        let faces = texture.create_view(&faces_view(0, 0));
         Self {
             texture,
             view,
+            faces,
             texels: vec![[f16::ZERO; 4]; FACES * (size * size) as usize],
         }
     }
 
-    /// Uploads radiance of the same size, clamped to what half floats hold.
-    pub fn upload(&mut self, gpu: &Gpu, radiance: &Cube<Vec3>) {
-        for (texel, value) in self.texels.iter_mut().zip(radiance.texels()) {
+    /// Uploads radiance of the same size, clamped to what half floats hold, with a small number per texel in alpha.
+    pub fn upload(&mut self, gpu: &Gpu, radiance: &Cube<Vec3>, numbers: &Cube<u8>) {
+        for ((texel, value), &number) in self.texels.iter_mut().zip(radiance.texels()).zip(numbers.texels()) {
             let [r, g, b] = value.clamp(Vec3::ZERO, Vec3::splat(MAX_RADIANCE)).to_array();
-            *texel = [f16::from_f32(r), f16::from_f32(g), f16::from_f32(b), f16::ONE];
+            *texel = [r, g, b, f32::from(number)].map(f16::from_f32);
         }
         let size = self.texture.size();
         gpu.queue.write_texture(

@@ -8,7 +8,7 @@ use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
-use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, MAX_CASTER_SPHERES};
+use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, GpuStrong, MAX_CASTER_SPHERES, MAX_STRONG};
 use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::Light;
@@ -20,6 +20,8 @@ use mirrorball_calib::probe::radiance::luminance;
 const CASTER_HEIGHT_M: f32 = 0.03;
 /// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
 const SINGLE_TAP_SHARE: f32 = 0.02;
+/// A light that is farther away than this counts as that far, metres: nothing near the probe sees the difference.
+const FARTHEST_LIGHT_M: f32 = 1000.0;
 /// Room around a virtual object for the filter of its shadow, metres.
 const CASTER_MARGIN_M: f32 = 0.01;
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
@@ -98,8 +100,10 @@ impl RenderNode {
         let gpu = &self.gpu;
         let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
         gpu.write(&self.pictures.camera, &[camera]);
-        self.pictures.radiance.upload(gpu, &light.radiance);
-        self.pictures.far.upload(gpu, &light.far);
+        self.pictures.radiance.upload(gpu, &light.radiance, &light.strong);
+        self.pictures.far.upload(gpu, &light.far, &light.strong);
+        self.pictures.behind.upload(gpu, &light.behind, &light.strong);
+        gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
     }
@@ -233,14 +237,15 @@ impl RenderNode {
                 } else {
                     Taps::Many
                 };
-                self.gpu_light(l, taps, (probe_m, light.room_m))
+                self.gpu_light(l, taps, probe_m)
             })
             .collect()
     }
 
-    /// A light at the room's distance from the probe, its shadows filtered for its size.
-    fn gpu_light(&self, light: &KeyLight, taps: Taps, (probe_m, room_m): (Vec3, f32)) -> GpuLight {
-        let position_m = probe_m + light.direction * room_m;
+    /// A light at its distance from the probe, its shadows filtered for its size.
+    fn gpu_light(&self, light: &KeyLight, taps: Taps, probe_m: Vec3) -> GpuLight {
+        let distance_m = light.distance_m.min(FARTHEST_LIGHT_M);
+        let position_m = probe_m + light.direction * distance_m;
         // Taps further apart than a texel and a half would show as copies of the edge.
         let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
         let radius = |receivers: Sphere| {
@@ -252,9 +257,22 @@ impl RenderNode {
         };
         GpuLight {
             position_m: position_m.extend(radius(self.receivers())),
-            intensity: (light.irradiance * room_m * room_m).extend(radius(self.bounds.virtuals)),
+            intensity: (light.irradiance * distance_m * distance_m).extend(radius(self.bounds.virtuals)),
         }
     }
+}
+
+/// Where the strong lights stand, as the shader takes it.
+fn gpu_strong(light: &Light) -> GpuStrong {
+    let mut strong = <GpuStrong as bytemuck::Zeroable>::zeroed();
+    for (index, of) in light.meter.lights.iter().take(MAX_STRONG).enumerate() {
+        let directions = || of.texels.iter().map(|&texel| light.far.direction(texel));
+        let direction = directions().sum::<Vec3>().normalize_or(Vec3::Z);
+        let widest = directions().map(|d| d.angle_between(direction)).fold(0.0, f32::max);
+        strong.lights[index] = direction.extend(of.distance_m);
+        strong.cones[index] = Vec4::new(widest, 0.0, 0.0, 0.0);
+    }
+    strong
 }
 
 /// How a light's shadow is filtered.

@@ -10,7 +10,7 @@ use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::gpu::types::{GpuCamera, MAX_LIGHTS};
+use crate::gpu::types::{GpuCamera, GpuStrong, MAX_LIGHTS};
 use crate::measure::BlindView;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
@@ -108,6 +108,8 @@ pub(crate) struct Pictures {
     pub(crate) camera: wgpu::Buffer,
     pub(crate) radiance: CubeTexture,
     pub(crate) far: CubeTexture,
+    pub(crate) behind: CubeTexture,
+    pub(crate) strong: wgpu::Buffer,
 }
 
 /// The passes of a frame, in their order.
@@ -153,6 +155,8 @@ impl RenderNode {
             camera: gpu.buffer("scene camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
             radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
             far: CubeTexture::new(&gpu, "light: room", cube_size),
+            behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
+            strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
         };
         let passes = Passes::new(&gpu, &config, camera, (&buffers, &environments, &pictures, &probe));
         Ok(Self {
@@ -320,7 +324,9 @@ impl Passes {
                 picture: &pictures.scene.view,
                 camera_depth: camera_depth.single(),
                 probe_radiance: &pictures.radiance.view,
-                far_radiance: &pictures.far.view,
+                far_faces: &pictures.far.faces,
+                behind_radiance: &pictures.behind.view,
+                strong: &pictures.strong,
                 sampler: &sampler,
             },
         );

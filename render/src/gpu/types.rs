@@ -9,6 +9,8 @@ use mirrorball_capture::frame::Exposure;
 
 /// Most lights at once; shadow maps are made for all of them at start.
 pub const MAX_LIGHTS: usize = 144;
+/// Strong lights at most; those of `shaders/local_environment.wgsl`.
+pub const MAX_STRONG: usize = 6;
 /// Most virtual objects with an environment of their own; further ones share the last.
 pub const MAX_ENVIRONMENTS: usize = 16;
 
@@ -166,7 +168,17 @@ pub struct GpuMaterial {
     pub parameters: Vec4,
 }
 
-/// Where an object's own environment is taken (`Environment` in `shared/lights.wgsl`).
+/// Strong lights at their places.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuStrong {
+    /// xyz: unit direction from the probe, world; w: distance from it, metres, 0 for no light.
+    pub lights: [Vec4; MAX_STRONG],
+    /// x: half the angle that holds it, seen from the probe, radians.
+    pub cones: [Vec4; MAX_STRONG],
+}
+
+/// One virtual object's own environment.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuEnvironment {

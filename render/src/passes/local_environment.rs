@@ -19,8 +19,12 @@ pub struct Inputs<'a> {
     pub camera_depth: &'a wgpu::TextureView,
     /// Radiance at the probe.
     pub probe_radiance: &'a wgpu::TextureView,
-    /// The room without phantoms.
-    pub far_radiance: &'a wgpu::TextureView,
+    /// The room without phantoms, faces as layers; alpha: number of the strong light, from 1.
+    pub far_faces: &'a wgpu::TextureView,
+    /// The room without the strong lights.
+    pub behind_radiance: &'a wgpu::TextureView,
+    /// Where the strong lights stand, uniform.
+    pub strong: &'a wgpu::Buffer,
     /// Linear, clamped.
     pub sampler: &'a wgpu::Sampler,
 }
@@ -53,10 +57,12 @@ impl LocalEnvironment {
                         wgpu::BindingResource::TextureView(inputs.picture),
                         environment.hit_m.as_entire_binding(),
                         wgpu::BindingResource::TextureView(inputs.probe_radiance),
-                        wgpu::BindingResource::TextureView(inputs.far_radiance),
+                        wgpu::BindingResource::TextureView(inputs.behind_radiance),
                         wgpu::BindingResource::Sampler(inputs.sampler),
                         wgpu::BindingResource::TextureView(inputs.camera_depth),
                         wgpu::BindingResource::TextureView(&out),
+                        wgpu::BindingResource::TextureView(inputs.far_faces),
+                        inputs.strong.as_entire_binding(),
                     ],
                 )
             })

@@ -8,7 +8,7 @@ mod strong_lights;
 pub mod surroundings;
 
 use glam::{DVec3, Vec3, Vec4};
-use mirrorball_calib::lights::{KeyLight, LightChooser};
+use mirrorball_calib::lights::{KeyLight, LightCounts, LightTracker};
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
@@ -29,6 +29,10 @@ pub struct Light {
     pub radiance: Cube<Vec3>,
     /// The same without the phantoms: from the room, as far as is known or can be guessed.
     pub far: Cube<Vec3>,
+    /// `far` without the strong lights: what would be seen in their place, as far as one can guess.
+    pub behind: Cube<Vec3>,
+    /// Number of the strong light that a direction shows, counted from 1 in the order of [`MeterFit::lights`]; 0 for none.
+    pub strong: Cube<u8>,
     /// `far` as lights, dome first.
     pub lights: Vec<KeyLight>,
     /// Distance of what `far` shows, metres: of the strong lights where they are, of the room elsewhere.
@@ -49,7 +53,7 @@ pub struct LightProbe {
     config: ProbeConfig,
     optics: ProbeOptics,
     near_m: Cube<f32>,
-    chooser: LightChooser,
+    lights: LightTracker,
     meter: LightMeter,
     fusion: Fusion,
     strong: StrongLights,
@@ -70,9 +74,13 @@ impl LightProbe {
         let open = surroundings::open_directions(occluders, interest, OPEN_CUBE_SIZE);
         let size = config.probe.cube_size;
         let near_m = surroundings::distances_m(occluders, optics.position_m(), optics.own_extent_m(), size);
+        let counts = LightCounts {
+            dome: config.shadow.dome_lights,
+            bright: config.shadow.bright_lights,
+        };
         Self {
             config: config.probe,
-            chooser: LightChooser::new(&open, config.shadow.dome_lights, config.shadow.bright_lights),
+            lights: LightTracker::new(config.lights.method, &open, counts),
             meter: LightMeter::new(rig, occluders, interest, &mirrors_of(rig)),
             fusion: Fusion::new(size, config.probe.change_ratio, config.probe.average_frames),
             near_m,
@@ -145,16 +153,20 @@ impl LightProbe {
             }
         }
         let mut distance_m = self.near_m.map(|_| room_m);
-        for light in &meter.lights {
-            tracing::trace!(texels = light.texels.len(), direction = %far.direction(light.texels[light.texels.len()/2]), distance_m = light.distance_m, sigma = light.distance_sigma, "strong light");
+        let mut strong = self.near_m.map(|_| 0u8);
+        for (index, light) in meter.lights.iter().enumerate() {
             for &texel in &light.texels {
                 distance_m.texels_mut()[texel] = light.distance_m;
+                strong.texels_mut()[texel] = index as u8 + 1;
             }
         }
-        let lights = self.chooser.choose(&far);
+        let behind = behind(&far, &strong);
+        let lights = self.lights.update(&far, &distance_m).to_vec();
         Light {
             radiance,
             far,
+            behind,
+            strong,
             lights,
             distance_m,
             room_m,
@@ -225,6 +237,20 @@ impl LightProbe {
         }
         (far, radiance)
     }
+}
+
+/// The light without the strong ones, filled in from around them.
+fn behind(far: &Cube<Vec3>, strong: &Cube<u8>) -> Cube<Vec3> {
+    if strong.texels().iter().all(|&index| index == 0) {
+        return far.clone();
+    }
+    let mut known = far.map(|radiance| radiance.extend(1.0));
+    for (texel, &index) in known.texels_mut().iter_mut().zip(strong.texels()) {
+        if index > 0 {
+            *texel = Vec4::ZERO;
+        }
+    }
+    fill::fill_unknown(&known)
 }
 
 /// Spheres (centre, radius with some margin, metres) whose surface mirrors and so says nothing about the light on it.

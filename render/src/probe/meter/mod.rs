@@ -34,6 +34,7 @@ use rayon::prelude::*;
 
 use super::clipped::StrongRegion;
 use super::surroundings::NOTHING_M;
+use crate::gpu::types::MAX_STRONG;
 use crate::scene::occluders::Occluders;
 use shapes::RegionShape;
 use sight::Sight;
@@ -41,7 +42,7 @@ use solve::{Parts, Row, Rows};
 use spots::{RAYS, Reflectance, Spot};
 
 /// Regions beyond this number, by size, are left as the camera saw them.
-pub const MAX_REGIONS: usize = 6;
+pub const MAX_REGIONS: usize = MAX_STRONG;
 /// Candidates for a distance, as multiples of the configured one: a third to twice and a half, 12 % apart.
 const DISTANCE_FACTORS: [f32; 18] = [
     0.35, 0.39, 0.44, 0.49, 0.55, 0.62, 0.69, 0.78, 0.87, 0.98, 1.09, 1.23, 1.37, 1.54, 1.72, 1.93, 2.16, 2.42,

@@ -19,6 +19,9 @@ use crate::probe::fusion::ViewNoise;
 use crate::probe::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
 
+/// Looks at one set of pictures at most: the first tells how far away the lights are, the next sees them where they are.
+const MAX_LOOKS: u32 = 3;
+
 /// A camera that shows the light in this frame set.
 struct Looking<'a> {
     /// Index of the camera in the rig.
@@ -59,22 +62,44 @@ impl RenderNode {
             self.light_age += 1;
             return Ok(());
         }
-        let mut views: Vec<(Vec<Vec4>, ViewNoise)> = Vec::with_capacity(looking.len());
         for view in &looking {
+            self.measured[view.camera] = Some(measured(view.frame, pose.is_some()));
+        }
+        // Where the ball shows a light depends on how far away it is, which is only known after a look.
+        for look in 0..MAX_LOOKS {
+            if look > 0 {
+                self.probe.forget();
+            }
+            if !self.look_once(&looking, frame, pose)? {
+                self.light_age += 1;
+                return Ok(());
+            }
+            if !self.probe.knows_better() {
+                break;
+            }
+        }
+        self.blind = None;
+        self.light_age = 0;
+        Ok(())
+    }
+
+    /// One look at all views, and the light from them; false when none of them shows any.
+    fn look_once(&mut self, looking: &[Looking<'_>], frame: &Frame, pose: Option<&Pose>) -> Result<bool, RenderError> {
+        self.passes
+            .radiance_map
+            .write_distances(&self.gpu, self.probe.assumed_m());
+        let mut views: Vec<(Vec<Vec4>, ViewNoise)> = Vec::with_capacity(looking.len());
+        for view in looking {
             let texels = self.look(view)?;
             let noise = noise_of(&self.rig.cameras[view.camera], view.frame, &view.optics);
-            self.measured[view.camera] = Some(measured(view.frame, pose.is_some()));
             match blindness(&texels, &noise) {
                 None => views.push((texels, noise)),
                 Some(blind) => self.blind = Some((self.rig.cameras[view.camera].name.clone(), blind)),
             }
         }
         if views.is_empty() {
-            self.light_age += 1;
-            return Ok(());
+            return Ok(false);
         }
-        self.blind = None;
-        self.light_age = 0;
         let scene_camera = self.rig.scene_camera();
         let scene = pose.map(|pose| {
             let view = View {
@@ -87,7 +112,7 @@ impl RenderNode {
         let views: Vec<(&[Vec4], &ViewNoise)> = views.iter().map(|(texels, noise)| (&texels[..], noise)).collect();
         let scene = scene.as_ref().map(|(view, noise)| (view, noise));
         self.light = Some(self.probe.update(&views, scene, &self.occluders));
-        Ok(())
+        Ok(true)
     }
 
     /// All cameras of the set that show the light: fixed ones, and the scene camera where there is a ball.
@@ -148,7 +173,12 @@ impl RenderNode {
             room_m: self.probe.room_m(),
         };
         let camera_m = gpu_camera.position_m.truncate();
-        let probe = gpu_probe(&view.optics, camera_m, &self.config.probe, place);
+        // The distances written to the pass are whole, the room's included.
+        let whole = CubePlace {
+            room_m: NOTHING_M,
+            ..place
+        };
+        let probe = gpu_probe(&view.optics, camera_m, &self.config.probe, whole);
         let picture = match &mut self.pictures.probes[view.camera] {
             Some(picture) => {
                 picture.upload(&self.gpu, view.frame);

@@ -41,6 +41,11 @@ impl RadianceMap {
         }
     }
 
+    /// Says how far away what each direction shows is taken to be, metres; the room's distance of [`CubePlace`] is the most.
+    pub fn write_distances(&self, gpu: &Gpu, distance_m: &Cube<f32>) {
+        gpu.write(&self.near_m, distance_m.texels());
+    }
+
     /// Measures the cube; texels are [`Seen::pack`]ed, 0 where nothing is seen.
     ///
     /// [`Seen::pack`]: mirrorball_calib::probe::radiance_map::Seen::pack

@@ -1,5 +1,6 @@
 //! Where strong lights are: regions that are clipped or far brighter than the rest, and how likely they are lamps.
 
+use std::collections::HashSet;
 use std::f32::consts::PI;
 
 use glam::Vec3;
@@ -148,16 +149,7 @@ fn price(region: &[usize], far: &Cube<Vec3>) -> Price {
     let mean =
         |texels: &[usize]| texels.iter().map(|&i| luminance(far.texels()[i])).sum::<f32>() / texels.len().max(1) as f32;
     let steps = (RING_RAD * far.size() as f32 / (0.5 * PI)).ceil() as usize;
-    let mut seen: std::collections::HashSet<usize> = region.iter().copied().collect();
-    let mut front = region.to_vec();
-    for _ in 0..steps {
-        let grown: Vec<usize> = front
-            .iter()
-            .flat_map(|&i| far.neighbours(i))
-            .filter(|&i| seen.insert(i))
-            .collect();
-        front = grown;
-    }
+    let front = ring(far, region, steps);
     let level = mean(region);
     if front.is_empty() || level <= 0.0 {
         return Price::NONE;
@@ -167,6 +159,28 @@ fn price(region: &[usize], far: &Cube<Vec3>) -> Price {
         at_zero: PRICE * smoothness * smoothness / level,
         level,
     }
+}
+
+/// The texels that lie `steps` texels around a region.
+fn ring<T: Copy>(cube: &Cube<T>, region: &[usize], steps: usize) -> Vec<usize> {
+    let within = grown(cube, region, steps.saturating_sub(1)).len();
+    grown(cube, region, steps).split_off(within)
+}
+
+/// A region with the texels up to `steps` texels around it.
+pub(super) fn grown<T: Copy>(cube: &Cube<T>, region: &[usize], steps: usize) -> Vec<usize> {
+    let mut seen: HashSet<usize> = region.iter().copied().collect();
+    let mut all = region.to_vec();
+    let mut first = 0;
+    for _ in 0..steps {
+        let last = all.len();
+        for k in first..last {
+            let fresh = cube.neighbours(all[k]).into_iter().filter(|&i| seen.insert(i));
+            all.extend(fresh.collect::<Vec<_>>());
+        }
+        first = last;
+    }
+    all
 }
 
 #[cfg(test)]

@@ -227,6 +227,11 @@ impl Fusion {
             });
     }
 
+    /// Forgets everything.
+    pub fn forget(&mut self) {
+        self.texels.fill(Texel::default());
+    }
+
     /// Radiance of a texel, linear RGB; 0 where nothing was ever seen.
     #[must_use]
     pub fn radiance(&self, index: usize) -> Vec3 {

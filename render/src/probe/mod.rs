@@ -57,6 +57,10 @@ pub struct LightProbe {
     meter: LightMeter,
     fusion: Fusion,
     strong: StrongLights,
+    /// How far away what each direction shows is taken to be, metres: phantoms, lights about where they were last, the room.
+    assumed_m: Cube<f32>,
+    /// Whether the last update found the lights far from where they were taken to be.
+    knows_better: bool,
     n_updates: usize,
 }
 
@@ -83,6 +87,8 @@ impl LightProbe {
             lights: LightTracker::new(config.lights.method, &open, counts),
             meter: LightMeter::new(rig, occluders, interest, &mirrors_of(rig)),
             fusion: Fusion::new(size, config.probe.change_ratio, config.probe.average_frames),
+            assumed_m: near_m.map(|&near| near.min(config.probe.room_distance_m)),
+            knows_better: false,
             near_m,
             optics,
             strong: StrongLights::default(),
@@ -100,6 +106,24 @@ impl LightProbe {
     #[must_use]
     pub fn near_m(&self) -> &Cube<f32> {
         &self.near_m
+    }
+
+    /// How far away what each direction shows is to be taken, metres.
+    #[must_use]
+    pub fn assumed_m(&self) -> &Cube<f32> {
+        &self.assumed_m
+    }
+
+    /// Whether a second look at the same pictures would see more: the first lights stand elsewhere than was assumed.
+    #[must_use]
+    pub fn knows_better(&self) -> bool {
+        self.knows_better
+    }
+
+    /// Forgets what was seen, but not where the lights are.
+    pub fn forget(&mut self) {
+        self.fusion.forget();
+        self.n_updates = 0;
     }
 
     /// Distance of the room, metres.
@@ -160,6 +184,7 @@ impl LightProbe {
                 strong.texels_mut()[texel] = index as u8 + 1;
             }
         }
+        self.assume(&meter);
         let behind = behind(&far, &strong);
         let lights = self.lights.update(&far, &distance_m).to_vec();
         Light {
@@ -172,6 +197,39 @@ impl LightProbe {
             room_m,
             meter,
         }
+    }
+
+    /// Takes the strong lights to be where they were found now, and around there, as they may move.
+    fn assume(&mut self, meter: &MeterFit) {
+        /// Angle around a light in which its distance is assumed, radians.
+        const AROUND_RAD: f32 = 0.1;
+        /// Relative change of a distance that is worth another look: on a ball of 40 mm and for a lamp 1 m away 0.1°.
+        const WORTH_A_LOOK: f32 = 0.06;
+        let room_m = self.config.room_distance_m;
+        let before: Vec<f32> = meter
+            .lights
+            .iter()
+            .map(|light| self.assumed_m.texels()[light.texels[light.texels.len() / 2]])
+            .collect();
+        for (assumed, &near) in self.assumed_m.texels_mut().iter_mut().zip(self.near_m.texels()) {
+            *assumed = near.min(room_m);
+        }
+        let steps = (AROUND_RAD * self.near_m.size() as f32 / std::f32::consts::FRAC_PI_2).ceil() as usize;
+        // Larger lights first, so that a lamp before a bright ceiling keeps its own distance.
+        for light in &meter.lights {
+            for index in clipped::grown(&self.near_m, &light.texels, steps) {
+                if self.near_m.texels()[index] >= NOTHING_M {
+                    self.assumed_m.texels_mut()[index] = light.distance_m;
+                }
+            }
+        }
+        let is_first = self.n_updates == 1;
+        self.knows_better = is_first
+            && meter
+                .lights
+                .iter()
+                .zip(before)
+                .any(|(light, before)| light.distance_sigma.is_finite() && (light.distance_m / before).ln().abs() > WORTH_A_LOOK);
     }
 
     /// Fills in what the probe does not see but the scene camera does: phantoms, a quarter of them per picture after the

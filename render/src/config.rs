@@ -13,6 +13,8 @@ use crate::error::RenderError;
 pub struct RenderConfig {
     /// The light probe.
     pub probe: ProbeConfig,
+    /// How the light reaches virtual objects.
+    pub light: LightConfig,
     /// Lights and their shadows.
     pub shadow: ShadowConfig,
     /// Near and far planes of the picture.
@@ -59,6 +61,63 @@ impl Default for ProbeConfig {
             change_ratio: 0.08,
         }
     }
+}
+
+/// How the light of an environment reaches the virtual object in its middle.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LightConfig {
+    /// Light on matt surfaces.
+    pub diffuse: DiffuseMethod,
+    /// Reflections.
+    pub specular: SpecularMethod,
+    /// Means of the light above which `specular = "highlight"` keeps it, 0 ..= 1000.
+    pub highlight_threshold: f32,
+}
+
+impl Default for LightConfig {
+    fn default() -> Self {
+        Self {
+            diffuse: DiffuseMethod::Lights,
+            specular: SpecularMethod::Ggx,
+            highlight_threshold: 4.0,
+        }
+    }
+}
+
+/// Where the light on matt surfaces comes from.
+///
+/// All methods but the first read irradiance off a map of the object's own environment, near things included, and
+/// multiply it by the share of the lights that virtual objects let through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DiffuseMethod {
+    /// Lights, each with its shadows, and harmonics of near things.
+    Lights,
+    /// Cosine convolution of the environment, exact.
+    CosineCube,
+    /// Spherical harmonics of the environment to order 2.
+    Sh9,
+    /// Faces of the environment blurred as pictures (Supan 2006).
+    SeparableBlur,
+    /// The environment turned about three axes (Supan 2006).
+    Cylindrical,
+    /// Sphere map in eye space of the cosine convolution (Supan 2006).
+    SphereMap,
+}
+
+/// What reflections are looked up in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpecularMethod {
+    /// GGX lobes, one per roughness.
+    Ggx,
+    /// Phong lobes, one per exponent.
+    Phong,
+    /// Phong lobes of what is brighter than `highlight_threshold` alone, for plastics.
+    Highlight,
+    /// Sphere map in eye space, without roughness and parallax (Supan 2006).
+    SphereMap,
 }
 
 /// How lights are chosen and their shadows filtered.
@@ -132,7 +191,12 @@ impl RenderConfig {
     }
 
     fn check(&self) -> Result<(), String> {
-        let Self { probe, shadow, view } = self;
+        let Self {
+            probe,
+            light,
+            shadow,
+            view,
+        } = self;
         within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
         if probe.cube_size % 16 != 0 {
             return Err(format!(
@@ -145,6 +209,12 @@ impl RenderConfig {
         within("probe.min_view_cosine", f64::from(probe.min_view_cosine), 0.02, 0.9)?;
         within("probe.average_frames", f64::from(probe.average_frames), 1.0, 64.0)?;
         within("probe.change_ratio", f64::from(probe.change_ratio), 0.01, 100.0)?;
+        within(
+            "light.highlight_threshold",
+            f64::from(light.highlight_threshold),
+            0.0,
+            1000.0,
+        )?;
         within("shadow.dome_lights", f64::from(shadow.dome_lights), 1.0, 112.0)?;
         within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
         within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
@@ -192,6 +262,14 @@ mod tests {
             ),
             ("[probe]\nroom_distance_m = nan", "`probe.room_distance_m` is `NaN`"),
             ("[probe]\nroom = 1", "unknown field `room`"),
+            (
+                "[light]\nspecular = \"blinn\"",
+                "expected one of `ggx`, `phong`, `highlight`",
+            ),
+            (
+                "[light]\nhighlight_threshold = -1",
+                "`light.highlight_threshold` is `-1`; allowed are 0 ..= 1000",
+            ),
         ] {
             let message = RenderConfig::parse(text).unwrap_err();
             assert!(message.contains(expected), "{message}");

@@ -26,6 +26,8 @@ pub mod environments;
 pub mod error;
 pub mod frame;
 pub mod gpu;
+pub mod light_maps;
+pub mod light_tree;
 pub mod node;
 pub mod output;
 pub mod passes;

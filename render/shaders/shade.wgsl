@@ -13,6 +13,16 @@
 @group(0) @binding(11) var linear_sampler: sampler;
 @group(0) @binding(12) var base_colors: texture_2d_array<f32>;
 @group(0) @binding(13) var base_color_sampler: sampler;
+@group(0) @binding(14) var irradiance_cubes: texture_cube_array<f32>;
+// Nine coefficients per environment, sixteen apart: all its light.
+@group(0) @binding(15) var<uniform> harmonics: array<vec4f, 256>;
+// Two layers per environment: radiance, irradiance.
+@group(0) @binding(16) var sphere_maps: texture_2d_array<f32>;
+
+// Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
+override DIFFUSE: u32 = 0u;
+// What reflections are looked up in: 0 GGX lobes, 1 Phong lobes, 2 sphere map.
+override SPECULAR: u32 = 0u;
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
 const LAST_SPECULAR_MIP: f32 = 5.0;
@@ -73,6 +83,79 @@ fn parallax_corrected(slot: u32, point: vec3f, direction: vec3f) -> vec3f {
     return from_center + direction * after;
 }
 
+// Where a sphere map in eye space shows what a surface half way between the two directions mirrors (Supan 2006, eq. 2.8 to
+// 2.11).
+fn sphere_map_at(direction: vec3f, to_eye: vec3f) -> vec2f {
+    let half_vector = normalize((camera.camera_from_world * vec4f(direction + to_eye, 0.0)).xyz);
+    // The camera's y points down, as the map's rows do.
+    return 0.5 * half_vector.xy + 0.5;
+}
+
+// Irradiance of all the light around environment `slot`, from a map; nothing shades it.
+fn mapped_irradiance(slot: u32, normal: vec3f, to_eye: vec3f) -> vec3f {
+    if DIFFUSE == 1u {
+        return textureSampleLevel(irradiance_cubes, linear_sampler, normal, slot, 0.0).rgb;
+    }
+    if DIFFUSE == 3u {
+        return textureSampleLevel(sphere_maps, linear_sampler, sphere_map_at(normal, to_eye), 2u * slot + 1u, 0.0).rgb;
+    }
+    let basis = sh_basis(normal);
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < 9u; i++) {
+        sum += sh_cosine(i) * basis[i] * harmonics[16u * slot + i].rgb;
+    }
+    return max(sum, vec3f(0.0));
+}
+
+// Share of the lights' irradiance that virtual objects let through. Real things are in the map already.
+fn share_past_virtual(point: vec3f, normal: vec3f) -> vec3f {
+    var all_light = vec3f(1e-6);
+    var arriving = vec3f(1e-6);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        let direct = unshadowed(lights[i], point, normal);
+        if any(direct > vec3f(0.0)) {
+            all_light += direct;
+            arriving += direct * past_virtual(i, lights[i], point, normal, 1.0);
+        }
+    }
+    return arriving / all_light;
+}
+
+// Irradiance of the lights past all objects, and of near things.
+fn lights_irradiance(slot: u32, point: vec3f, normal: vec3f) -> vec3f {
+    var irradiance = near_irradiance(slot, normal);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        let light = lights[i];
+        let direct = unshadowed(light, point, normal);
+        if any(direct > vec3f(0.0)) {
+            let past_real = past_phantoms(i, light, point, normal);
+            irradiance += direct * past_real * past_virtual(i, light, point, normal, 1.0);
+        }
+    }
+    return irradiance;
+}
+
+// Mip of the specular cube for a perceptual roughness.
+fn specular_mip(roughness: f32) -> f32 {
+    if SPECULAR == 0u {
+        return clamp(roughness, 0.0, 1.0) * LAST_SPECULAR_MIP;
+    }
+    // Exponents are 4 ^ (last mip - mip) (src/passes/prefilter_phong.rs).
+    let alpha = max(roughness * roughness, 1e-3);
+    let exponent = 0.5 * (1.0 / (alpha * alpha) - 1.0);
+    return clamp(LAST_SPECULAR_MIP - 0.5 * log2(max(exponent, 1e-3)), 0.0, LAST_SPECULAR_MIP);
+}
+
+// Radiance from around the mirrored direction.
+fn reflected_radiance(slot: u32, point: vec3f, mirrored: vec3f, roughness: f32) -> vec3f {
+    if SPECULAR == 2u {
+        let to_eye = normalize(camera.position_m.xyz - point);
+        return textureSampleLevel(sphere_maps, linear_sampler, sphere_map_at(mirrored, to_eye), 2u * slot, 0.0).rgb;
+    }
+    let towards = parallax_corrected(slot, point, mirrored);
+    return textureSampleLevel(specular, linear_sampler, towards, slot, specular_mip(roughness)).rgb;
+}
+
 fn virtual_radiance(corner: Corner) -> vec3f {
     let material = materials[corner.material];
     let slot = objects[corner.object].environment.x;
@@ -99,21 +182,17 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     let f90 = mix(material.dielectric.w, 1.0, metallic);
     var radiance = vec3f(0.0);
     if metallic < 1.0 {
-        var irradiance = near_irradiance(slot, normal);
-        for (var i = 0u; i < frame.counts.x; i++) {
-            let light = lights[i];
-            let direct = unshadowed(light, corner.position, normal);
-            if any(direct > vec3f(0.0)) {
-                let past_real = past_phantoms(i, light, corner.position, normal);
-                irradiance += direct * past_real * past_virtual(i, light, corner.position, normal, 1.0);
-            }
+        var irradiance: vec3f;
+        if DIFFUSE == 0u {
+            irradiance = lights_irradiance(slot, corner.position, normal);
+        } else {
+            irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(corner.position, normal);
         }
         radiance += (1.0 - metallic) * base_color * irradiance * 0.31830987;
     }
     if max(f0.r, max(f0.g, f0.b)) > 0.0 {
-        let towards = parallax_corrected(slot, corner.position, reflect(-to_eye, normal));
         let split = environment_brdf(roughness, max(dot(normal, to_eye), 0.0));
-        let prefiltered = textureSampleLevel(specular, linear_sampler, towards, slot, clamp(max(roughness, least_roughness), 0.0, 1.0) * LAST_SPECULAR_MIP).rgb;
+        let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(roughness, least_roughness));
         radiance += prefiltered * (f0 * split.x + split.y * f90);
     }
     return radiance;

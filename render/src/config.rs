@@ -15,8 +15,8 @@ use crate::error::RenderError;
 pub struct RenderConfig {
     /// The light probe.
     pub probe: ProbeConfig,
-    /// How lights are found in the light.
-    pub lights: LightsConfig,
+    /// How lights are found in the light, and how it reaches virtual objects.
+    pub light: LightConfig,
     /// Lights and their shadows.
     pub shadow: ShadowConfig,
     /// Near and far planes of the picture.
@@ -93,15 +93,67 @@ impl Default for ProbeConfig {
     }
 }
 
-/// How lights are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+/// How lights are found in the light, and how the light of an environment reaches the virtual object in its middle.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct LightsConfig {
-    /// `stable`, `median_cut` or `regions`.
-    pub method: LightMethod,
+pub struct LightConfig {
+    /// How lights are found in the light: `stable`, `median_cut` or `regions`.
+    pub extraction: LightMethod,
+    /// Light on matt surfaces.
+    pub diffuse: DiffuseMethod,
+    /// Reflections.
+    pub specular: SpecularMethod,
+    /// Means of the light above which `specular = "highlight"` keeps it, 0 ..= 1000.
+    pub highlight_threshold: f32,
 }
 
-/// How many lights there are and how their shadows are filtered.
+impl Default for LightConfig {
+    fn default() -> Self {
+        Self {
+            extraction: LightMethod::Stable,
+            diffuse: DiffuseMethod::Lights,
+            specular: SpecularMethod::Ggx,
+            highlight_threshold: 4.0,
+        }
+    }
+}
+
+/// Where the light on matt surfaces comes from.
+///
+/// All methods but the first read irradiance off a map of the object's own environment, near things included, and
+/// multiply it by the share of the lights that virtual objects let through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DiffuseMethod {
+    /// Lights, each with its shadows, and harmonics of near things.
+    Lights,
+    /// Cosine convolution of the environment, exact.
+    CosineCube,
+    /// Spherical harmonics of the environment to order 2.
+    Sh9,
+    /// Faces of the environment blurred as pictures (Supan 2006).
+    SeparableBlur,
+    /// The environment turned about three axes (Supan 2006).
+    Cylindrical,
+    /// Sphere map in eye space of the cosine convolution (Supan 2006).
+    SphereMap,
+}
+
+/// What reflections are looked up in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpecularMethod {
+    /// GGX lobes, one per roughness.
+    Ggx,
+    /// Phong lobes, one per exponent.
+    Phong,
+    /// Phong lobes of what is brighter than `highlight_threshold` alone, for plastics.
+    Highlight,
+    /// Sphere map in eye space, without roughness and parallax (Supan 2006).
+    SphereMap,
+}
+
+/// How lights are chosen and their shadows filtered.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadowConfig {
@@ -174,7 +226,7 @@ impl RenderConfig {
     fn check(&self) -> Result<(), String> {
         let Self {
             probe,
-            lights: _,
+            light,
             shadow,
             view,
         } = self;
@@ -191,6 +243,12 @@ impl RenderConfig {
         within("probe.wrap", f64::from(probe.wrap), 0.0, 1.0)?;
         within("probe.average_frames", f64::from(probe.average_frames), 1.0, 64.0)?;
         within("probe.change_ratio", f64::from(probe.change_ratio), 0.01, 100.0)?;
+        within(
+            "light.highlight_threshold",
+            f64::from(light.highlight_threshold),
+            0.0,
+            1000.0,
+        )?;
         within("shadow.dome_lights", f64::from(shadow.dome_lights), 1.0, 112.0)?;
         within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
         within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
@@ -224,8 +282,8 @@ mod tests {
     #[test]
     fn every_method_has_its_name() {
         for method in LightMethod::ALL {
-            let config = RenderConfig::parse(&format!("[lights]\nmethod = \"{}\"", method.name())).unwrap();
-            assert_eq!(config.lights.method, method);
+            let config = RenderConfig::parse(&format!("[light]\nextraction = \"{}\"", method.name())).unwrap();
+            assert_eq!(config.light.extraction, method);
         }
     }
 
@@ -249,8 +307,16 @@ mod tests {
             ("[probe]\nmapping = \"half\"", "expected `exact` or `simple`"),
             ("[probe]\nwrap = 1.5", "`probe.wrap` is `1.5`; allowed are 0 ..= 1"),
             (
-                "[lights]\nmethod = \"brightest\"",
+                "[light]\nextraction = \"brightest\"",
                 "unknown variant `brightest`, expected one of `stable`, `median_cut`, `regions`",
+            ),
+            (
+                "[light]\nspecular = \"blinn\"",
+                "expected one of `ggx`, `phong`, `highlight`",
+            ),
+            (
+                "[light]\nhighlight_threshold = -1",
+                "`light.highlight_threshold` is `-1`; allowed are 0 ..= 1000",
             ),
         ] {
             let message = RenderConfig::parse(text).unwrap_err();

@@ -7,7 +7,10 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::readback::Readback;
-use crate::gpu::types::{GpuEnvironment, MAX_ENVIRONMENTS};
+use crate::gpu::types::{GpuEnvironment, GpuNode, MAX_ENVIRONMENTS};
+use crate::light_tree::node_count;
+use crate::passes::irradiance_cube::IRRADIANCE_SIZE;
+use crate::passes::sphere_map::SPHERE_MAP_SIZE;
 use crate::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
 use crate::probe::surroundings;
 use crate::scene::Scene;
@@ -90,10 +93,20 @@ pub struct Environments {
     pub slots: Vec<Slot>,
     /// Radiance cubes, six layers per slot, with mips.
     pub radiance: wgpu::Texture,
-    /// The same, mips filtered for roughness.
+    /// The same, mips filtered with wider and wider lobes.
     pub specular: wgpu::Texture,
     /// `specular` as an array of cubes.
     pub specular_view: wgpu::TextureView,
+    /// Irradiance cubes, six layers per slot; filled by the methods that need them.
+    pub irradiance: wgpu::Texture,
+    /// `irradiance` as an array of cubes.
+    pub irradiance_view: wgpu::TextureView,
+    /// Sphere maps in eye space, two layers per slot: radiance, irradiance; filled by the methods that need them.
+    pub sphere_maps: wgpu::Texture,
+    /// Light trees, [`node_count`] nodes per slot.
+    pub nodes: wgpu::Buffer,
+    /// Spherical harmonics of all the light, [`SH_STRIDE_BYTES`] per slot; filled by the methods that need them.
+    pub harmonics: wgpu::Buffer,
     /// All parameters together.
     pub all: wgpu::Buffer,
     /// Spherical harmonics of the light from near things, [`SH_STRIDE_BYTES`] per slot.
@@ -132,27 +145,41 @@ impl Environments {
                 last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
             }
         }
+        Self::with_slots(gpu, slots)
+    }
+
+    /// Room for the light around known places.
+    #[must_use]
+    pub fn with_slots(gpu: &Gpu, slots: Vec<Slot>) -> Self {
         let n = slots.len().max(1) as u32;
         let shape = TextureShape {
             mips: ENVIRONMENT_MIPS,
             ..TextureShape::layered([ENVIRONMENT_SIZE; 2], FACES as u32 * n)
         };
         let specular = gpu.texture("environment: specular", shape, RADIANCE_FORMAT);
+        let cubes = wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::CubeArray),
+            ..wgpu::TextureViewDescriptor::default()
+        };
+        let shape_of_irradiance = TextureShape::layered([IRRADIANCE_SIZE; 2], FACES as u32 * n);
+        let irradiance = gpu.texture("environment: irradiance", shape_of_irradiance, RADIANCE_FORMAT);
+        let sphere_shape = TextureShape::layered([SPHERE_MAP_SIZE; 2], 2 * n);
+        let black = [Vec4::ZERO; MAX_ENVIRONMENTS * SH_STRIDE_BYTES as usize / 16];
+        let no_light = vec![<GpuNode as bytemuck::Zeroable>::zeroed(); (n * node_count()) as usize];
         Self {
             radiance: gpu.texture("environment: radiance", shape, RADIANCE_FORMAT),
-            specular_view: specular.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::CubeArray),
-                ..wgpu::TextureViewDescriptor::default()
-            }),
+            specular_view: specular.create_view(&cubes),
             specular,
+            irradiance_view: irradiance.create_view(&cubes),
+            irradiance,
+            sphere_maps: gpu.texture("environment: sphere maps", sphere_shape, RADIANCE_FORMAT),
+            nodes: gpu.buffer("environment: light tree", &no_light),
+            harmonics: gpu.buffer("environment: harmonics", &black),
             all: gpu.buffer(
                 "environment: all",
                 &[<GpuEnvironment as bytemuck::Zeroable>::zeroed(); MAX_ENVIRONMENTS],
             ),
-            near_sh: gpu.buffer(
-                "environment: near light",
-                &[Vec4::ZERO; MAX_ENVIRONMENTS * SH_STRIDE_BYTES as usize / 16],
-            ),
+            near_sh: gpu.buffer("environment: near light", &black),
             slots,
         }
     }
@@ -169,6 +196,39 @@ impl Environments {
         }
         if !all.is_empty() {
             gpu.write(&self.all, &all);
+        }
+    }
+
+    /// The light tree of one slot.
+    #[must_use]
+    pub fn nodes_of(&self, slot: u32) -> wgpu::BindingResource<'_> {
+        let bytes = u64::from(node_count()) * size_of::<GpuNode>() as u64;
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.nodes,
+            offset: u64::from(slot) * bytes,
+            size: std::num::NonZeroU64::new(bytes),
+        })
+    }
+
+    /// Copies the first mips of `slots` from `cubes` to the specular cubes: what a mirror shows.
+    pub fn copy_first_mip(&self, encoder: &mut wgpu::CommandEncoder, cubes: &wgpu::Texture, slots: &[u32]) {
+        for &slot in slots {
+            let face = |texture| wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d {
+                    x: 0,
+                    y: 0,
+                    z: FACES as u32 * slot,
+                },
+                aspect: wgpu::TextureAspect::All,
+            };
+            let extent = wgpu::Extent3d {
+                width: ENVIRONMENT_SIZE,
+                height: ENVIRONMENT_SIZE,
+                depth_or_array_layers: FACES as u32,
+            };
+            encoder.copy_texture_to_texture(face(cubes), face(&self.specular), extent);
         }
     }
 
@@ -221,6 +281,16 @@ impl Environments {
         }
         Ok(out)
     }
+}
+
+/// The harmonics of one slot in a buffer of all.
+#[must_use]
+pub fn harmonics_binding(buffer: &wgpu::Buffer, slot: u32) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer,
+        offset: u64::from(slot) * SH_STRIDE_BYTES,
+        size: std::num::NonZeroU64::new(SH_STRIDE_BYTES),
+    })
 }
 
 /// A view of mips of one slot's cube.

@@ -144,10 +144,7 @@ impl RenderNode {
         passes.shadow_map.record(gpu, &mut encoder, timer, work);
         passes.camera_depth.record(&mut encoder, timer, scene);
         passes.local_environment.record(&mut encoder, timer);
-        passes.downsample.record(&mut encoder, timer);
-        passes
-            .prefilter_specular
-            .record(&mut encoder, timer, &self.environments);
+        passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
         passes
             .receive

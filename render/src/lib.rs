@@ -27,6 +27,8 @@ pub mod error;
 pub mod frame;
 pub mod gpu;
 pub mod measure;
+pub mod light_maps;
+pub mod light_tree;
 pub mod node;
 pub mod output;
 pub mod passes;

@@ -11,17 +11,16 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::{GpuCamera, GpuStrong, MAX_LIGHTS};
+use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, DirectLight};
-use crate::passes::downsample::Downsample;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
-use crate::passes::prefilter_specular::PrefilterSpecular;
 use crate::passes::radiance_map::RadianceMap;
 use crate::passes::receive::Receive;
-use crate::passes::shade::{self, Shade};
+use crate::passes::shade::{self, Shade, ShadeTarget};
 use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
@@ -121,8 +120,7 @@ pub(crate) struct Passes {
     pub(crate) virtual_maps: ShadowMaps,
     pub(crate) camera_depth: CameraDepth,
     pub(crate) local_environment: LocalEnvironment,
-    pub(crate) downsample: Downsample,
-    pub(crate) prefilter_specular: PrefilterSpecular,
+    pub(crate) light_maps: LightMaps,
     pub(crate) irradiance: Irradiance,
     pub(crate) direct: DirectLight,
     pub(crate) receive: Receive,
@@ -339,11 +337,14 @@ impl Passes {
             virtual_maps: &virtual_maps.view,
         };
         let receive = Receive::new(gpu, &direct, inputs, size_px);
-        let shade = Shade::new(gpu, &direct, inputs, (&sampler, size_px));
+        let target = ShadeTarget {
+            size_px,
+            light: config.light,
+        };
+        let shade = Shade::new(gpu, &direct, inputs, (&sampler, target));
         Self {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
-            downsample: Downsample::new(gpu, environments),
-            prefilter_specular: PrefilterSpecular::new(gpu, environments, &sampler),
+            light_maps: LightMaps::new(gpu, environments, &config.light, (&pictures.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
             composite: Composite::new(gpu, &pictures.camera, &pictures.scene, (&shade, &receive), size_px),
             shadow_map,

@@ -1,8 +1,7 @@
-//! Every pass against its CPU twin or against light whose answer is known.
+//! Passes from picture to picture against their CPU twins or against light whose answer is known; those that make maps of
+//! light are in `light_maps.rs`.
 
 mod support;
-
-use std::f32::consts::PI;
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
 use mirrorball_calib::camera::LensModel;
@@ -11,29 +10,23 @@ use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::probe::radiance_map::{Seen, Surroundings};
-use mirrorball_calib::probe::sh::IrradianceSh;
 use mirrorball_calib::probe::{ProbeOptics, View};
 use mirrorball_calib::rig::Camera;
 use mirrorball_render::config::{MappingName, ProbeConfig};
-use mirrorball_render::environments::{SH_STRIDE_BYTES, cube_view};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::timer::Timer;
-use mirrorball_render::gpu::types::{GpuCamera, GpuLight, MAX_ENVIRONMENTS};
+use mirrorball_render::gpu::types::{GpuCamera, GpuLight};
 use mirrorball_render::passes::composite::Composite;
-use mirrorball_render::passes::downsample::Downsample;
-use mirrorball_render::passes::irradiance::Irradiance;
-use mirrorball_render::passes::prefilter_specular::{PrefilterSpecular, alpha_of_mip};
 use mirrorball_render::passes::radiance_map::{CubePlace, RadianceMap, gpu_probe};
 use mirrorball_render::passes::shadow_map::{ShadowView, Sphere};
-use mirrorball_render::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
 use mirrorball_render::probe::surroundings::NOTHING_M;
 use mirrorball_render::reference;
 use mirrorball_render::reference::receive::Blockers;
 use mirrorball_render::reference::shadow_map::DepthMap;
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::PictureBuffers;
-use support::stage::{Stage, light};
-use support::{EXPOSURE, Errors, cube_of, halves, read_cube, spread};
+use support::stage::{Stage, environment_stage, light};
+use support::{EXPOSURE, Errors, cube_of, halves, spread};
 
 // ---- radiance_map ----------------------------------------------------------------------------------------------------
 
@@ -303,278 +296,6 @@ fn clipped_light_is_marked() {
             "{name}: all channels clip, anywhere and everywhere"
         );
     }
-}
-
-// ---- prefilter_specular ----------------------------------------------------------------------------------------------
-
-/// A glossy sphere on which environments can be tried.
-fn glossy_scene() -> Scene {
-    support::scene([(
-        "sphere",
-        Kind::Virtual,
-        support::sphere(Vec3::Z * 0.1, 0.05, 8, support::mirror()),
-    )])
-}
-
-fn environment_stage(gpu: Gpu) -> Stage {
-    Stage::new(gpu, &support::rig(), &glossy_scene(), [64, 1])
-}
-
-/// Filters an environment for roughness; the mips are left on the GPU.
-fn prefilter(stage: &mut Stage, environment: &Cube<Vec3>) {
-    support::write_texture(
-        &stage.gpu,
-        &stage.environments.radiance,
-        &halves(environment.texels().iter().map(|t| t.extend(1.0))),
-    );
-    let downsample = Downsample::new(&stage.gpu, &stage.environments);
-    let pass = PrefilterSpecular::new(&stage.gpu, &stage.environments, &stage.gpu.linear_sampler());
-    let mut encoder = stage
-        .gpu
-        .device
-        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    downsample.record(&mut encoder, &mut stage.timer);
-    pass.record(&mut encoder, &mut stage.timer, &stage.environments);
-    stage.gpu.queue.submit([encoder.finish()]);
-}
-
-#[test]
-fn a_white_furnace_stays_white_at_every_roughness() {
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    prefilter(&mut stage, &Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE));
-    for mip in 0..ENVIRONMENT_MIPS {
-        let cube = read_cube(&stage.gpu, &stage.environments.specular, mip);
-        let errors = Errors::of(
-            &format!("furnace, mip {mip}"),
-            cube.texels().iter().map(|t| (*t - 1.0).abs().max_element()),
-        );
-        // Half floats near 1 are 2^-10 apart.
-        assert!(errors.worst <= 0.001, "mip {mip}: {errors:?}");
-    }
-}
-
-/// A room of 1 with a lamp of `radiance`, `radius_rad` wide.
-fn lamp_room(radiance: f32, radius_rad: f32) -> Cube<Vec3> {
-    let lamp = LAMP.as_vec3();
-    cube_of(ENVIRONMENT_SIZE, |d| {
-        Vec3::splat(if d.angle_between(lamp) < radius_rad {
-            radiance
-        } else {
-            1.0
-        })
-    })
-}
-
-/// Differences to the integrals over all texels, relative to the largest of them, at some directions per mip.
-fn against_integrals(stage: &Stage, environment: &Cube<Vec3>, name: &str) -> Vec<Errors> {
-    (1..ENVIRONMENT_MIPS)
-        .map(|mip| {
-            let cube = read_cube(&stage.gpu, &stage.environments.specular, mip);
-            let n = cube.texels().len();
-            // Some texels all over, and all those around the lamp.
-            let picked: Vec<usize> = (0..n)
-                .filter(|i| i % (n / 40 + 1) == 0 || cube.direction(*i).dot(LAMP.as_vec3()) > 0.97)
-                .step_by(if mip < 3 { 3 } else { 1 })
-                .collect();
-            let exact: Vec<f32> = picked
-                .iter()
-                .map(|i| reference::prefilter_specular::radiance(environment, alpha_of_mip(mip), cube.direction(*i)).x)
-                .collect();
-            let peak = exact.iter().copied().fold(0.0, f32::max);
-            let errors = picked
-                .iter()
-                .zip(&exact)
-                .map(|(i, exact)| (cube.texels()[*i].x - exact) / peak);
-            Errors::of(&format!("{name}, mip {mip}, of the peak {peak}"), errors)
-        })
-        .collect()
-}
-
-#[test]
-fn a_smooth_room_is_filtered_as_the_integral_says() {
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    let environment = cube_of(ENVIRONMENT_SIZE, |d| {
-        let d = d.as_dvec3();
-        Vec3::splat((2.0 + (3.0 * d.x).sin() + (4.0 * d.y + d.z).cos()) as f32)
-    });
-    prefilter(&mut stage, &environment);
-    for (mip, errors) in (1..).zip(against_integrals(&stage, &environment, "smooth room")) {
-        // Each sample reads a mip level coarser than its share of the lobe, against noise: where the room bends, 1 to 2 %.
-        assert!(errors.mean < 0.02 && errors.worst < 0.03, "mip {mip}: {errors:?}");
-    }
-}
-
-#[test]
-fn a_small_lamp_keeps_its_energy_at_every_roughness() {
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    let environment = lamp_room(2000.0, 0.052);
-    prefilter(&mut stage, &environment);
-    let energy = |cube: &Cube<f32>| -> f32 {
-        cube.texels()
-            .iter()
-            .enumerate()
-            .map(|(i, t)| t * cube.solid_angle(i))
-            .sum::<f32>()
-    };
-    let exact = energy(&environment.map(|t| t.x));
-    for mip in 0..ENVIRONMENT_MIPS {
-        let cube = read_cube(&stage.gpu, &stage.environments.specular, mip);
-        let ratio = energy(&cube.map(|t| t.x)) / exact;
-        println!("lamp's energy, mip {mip}: {ratio}");
-        // The lobe depends on the angle alone, so over the sphere it moves light and loses none.
-        // The lobe's first sample is its axis, not the middle of a 64th: a per cent too narrow.
-        assert!((ratio - 1.0).abs() < 0.02, "mip {mip}: {ratio} of the energy");
-    }
-    for (mip, errors) in (1..).zip(against_integrals(&stage, &environment, "lamp")) {
-        // A lamp of three degrees is the worst that a lobe sampled in so few places can meet.
-        assert!(errors.mean < 0.03 && errors.worst < 0.15, "mip {mip}: {errors:?}");
-    }
-}
-
-#[test]
-fn no_mip_has_a_seam_at_any_edge() {
-    const SAMPLE: &str = "
-        @group(0) @binding(0) var cube: texture_cube<f32>;
-        @group(0) @binding(1) var linear_sampler: sampler;
-        @group(0) @binding(2) var<storage, read> queries: array<vec4f>;
-        @group(0) @binding(3) var<storage, read_write> out: array<vec4f>;
-        @compute @workgroup_size(64)
-        fn main(@builtin(global_invocation_id) id: vec3u) {
-            if id.x < arrayLength(&queries) {
-                out[id.x] = textureSampleLevel(cube, linear_sampler, queries[id.x].xyz, queries[id.x].w);
-            }
-        }";
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    prefilter(&mut stage, &lamp_room(50.0, 0.6));
-    // Pairs of directions on the two sides of each of the twelve edges, along the whole edge, in every mip and between.
-    let mut queries = Vec::new();
-    for (axis_a, axis_b) in [(0, 1), (0, 2), (1, 2)] {
-        for signs in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
-            for step in -9..=9 {
-                for half_level in 1..2 * ENVIRONMENT_MIPS - 1 {
-                    let mut on_edge = Vec3::splat(step as f32 / 10.0);
-                    (on_edge[axis_a], on_edge[axis_b]) = (signs[0], signs[1]);
-                    for axis in [axis_a, axis_b] {
-                        let mut side = on_edge;
-                        side[axis] *= 1.0 + 1e-5;
-                        queries.push(side.extend(half_level as f32 / 2.0));
-                    }
-                }
-            }
-        }
-    }
-    let view = stage.environments.specular.create_view(&cube_view(0, ENVIRONMENT_MIPS));
-    let query_buffer = stage.gpu.buffer("test: queries", &queries);
-    let sampled: Vec<Vec4> = support::compute(
-        &stage.gpu,
-        SAMPLE,
-        &[
-            wgpu::BindingResource::TextureView(&view),
-            wgpu::BindingResource::Sampler(&stage.gpu.linear_sampler()),
-            query_buffer.as_entire_binding(),
-        ],
-        queries.len(),
-    );
-    let jumps = sampled
-        .chunks_exact(2)
-        .map(|pair| (pair[0].x - pair[1].x) / pair[0].x.max(pair[1].x));
-    let errors = Errors::of("seams", jumps);
-    // A sampler's weights have 8 bits, and neighbouring texels differ by up to the lamp's contrast of 50 at its edge.
-    assert!(errors.mean < 1e-3 && errors.worst < 0.05, "{errors:?}");
-}
-
-// ---- irradiance ------------------------------------------------------------------------------------------------------
-
-/// What the pass makes of an environment, all of it near where `is_near`.
-fn gpu_harmonics(stage: &mut Stage, environment: &Cube<Vec3>, hit_m: &Cube<f32>) -> IrradianceSh {
-    support::write_texture(
-        &stage.gpu,
-        &stage.environments.radiance,
-        &halves(environment.texels().iter().map(|t| t.extend(1.0))),
-    );
-    stage.gpu.write(&stage.environments.slots[0].hit_m, hit_m.texels());
-    let pass = Irradiance::new(&stage.gpu, &stage.environments);
-    let bytes = MAX_ENVIRONMENTS as u64 * SH_STRIDE_BYTES;
-    let readback = mirrorball_render::gpu::readback::Readback::new(&stage.gpu, "test: harmonics", bytes);
-    let mut encoder = stage
-        .gpu
-        .device
-        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    pass.record(&mut encoder, &mut stage.timer);
-    encoder.copy_buffer_to_buffer(&stage.environments.near_sh, 0, readback.buffer(), 0, bytes);
-    readback.record(&mut encoder);
-    stage.gpu.queue.submit([encoder.finish()]);
-    let mut coefficients = vec![Vec4::ZERO; bytes as usize / size_of::<Vec4>()];
-    readback.read(&stage.gpu, &mut coefficients).expect("the device works");
-    IrradianceSh {
-        coefficients: std::array::from_fn(|i| coefficients[i].xyz()),
-    }
-}
-
-#[test]
-fn irradiance_of_known_light_is_exact() {
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    let near = Cube::filled(ENVIRONMENT_SIZE, 1.0f32);
-    let mut irradiance =
-        |f: &dyn Fn(Vec3) -> f32| gpu_harmonics(&mut stage, &cube_of(ENVIRONMENT_SIZE, |d| Vec3::splat(f(d))), &near);
-    let normals: Vec<Vec3> = support::directions(50).collect();
-    // Half floats store the light to 1 part in 2048; the texels' solid angles are as exact.
-    let uniform = irradiance(&|_| 1.0);
-    assert!(
-        (uniform.coefficients[0].x - 3.544_908).abs() < 1e-3,
-        "{:?}",
-        uniform.coefficients[0]
-    );
-    let errors = Errors::of(
-        "uniform light",
-        normals.iter().map(|n| uniform.irradiance(*n).x / PI - 1.0),
-    );
-    assert!(errors.worst < 1e-3, "{errors:?}");
-    let a = Vec3::new(0.2, -0.4, 0.3);
-    let gradient = irradiance(&|d| 1.0 + a.dot(d));
-    let exact = |n: &Vec3| PI + 2.0 * PI / 3.0 * a.dot(*n);
-    let errors = Errors::of(
-        "gradient",
-        normals.iter().map(|n| gradient.irradiance(*n).x / exact(n) - 1.0),
-    );
-    assert!(errors.worst < 2e-3, "{errors:?}");
-    let hemisphere = irradiance(&|d| if d.y > 0.0 { 1.0 } else { 0.0 });
-    let exact = |n: &Vec3| PI / 2.0 * (1.0 + n.y);
-    let errors = Errors::of(
-        "hemisphere",
-        normals.iter().map(|n| (hemisphere.irradiance(*n).x - exact(n)) / PI),
-    );
-    assert!(errors.worst < 2e-3, "{errors:?}");
-    // One texel of irradiance 1 at its own normal: the band-limited cosine lobe. `at` is not on the axis.
-    let index = Cube::filled(ENVIRONMENT_SIZE, 0u8).index_of(LAMP.as_vec3());
-    let (at, area_sr) = (near.direction(index), near.solid_angle(index));
-    let delta = irradiance(&|d| if d == at { 1.0 / area_sr } else { 0.0 });
-    for (normal, exact) in [(at, 1.0625), (at.any_orthonormal_vector(), 0.09375), (-at, 0.0625)] {
-        let found = delta.irradiance(normal).x;
-        assert!((found - exact).abs() < 2e-3, "delta light: {found}, not {exact}");
-    }
-}
-
-#[test]
-fn irradiance_counts_near_things_alone_and_equals_its_twin() {
-    let Some(gpu) = support::gpu() else { return };
-    let mut stage = environment_stage(gpu);
-    let environment = cube_of(ENVIRONMENT_SIZE, |d| room(d.as_dvec3()).as_vec3());
-    let hit_m = cube_of(ENVIRONMENT_SIZE, |d| if d.z < 0.1 { 0.2 } else { NOTHING_M });
-    let found = gpu_harmonics(&mut stage, &environment, &hit_m);
-    let twin = reference::irradiance::near_light(&environment, &hit_m);
-    let differences = found.coefficients.iter().zip(&twin.coefficients);
-    let errors = Errors::of(
-        "near light",
-        differences.map(|(a, b)| (*a - *b).abs().max_element() / twin.coefficients[0].x),
-    );
-    // Solid angles at the texel's centre instead of over it: 1 part in 6 · 128².
-    assert!(errors.worst < 5e-4, "{errors:?}");
 }
 
 // ---- shadow_map, receive ---------------------------------------------------------------------------------------------

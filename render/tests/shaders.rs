@@ -6,10 +6,13 @@ use std::mem::offset_of;
 use mirrorball_render::environments::SH_STRIDE_BYTES;
 use mirrorball_render::gpu::shader::{PASSES, resolve};
 use mirrorball_render::gpu::types::{
-    GpuAim, GpuCamera, GpuEnvironment, GpuFrame, GpuLight, GpuMaterial, GpuObject, GpuProbe, MAX_ENVIRONMENTS,
-    MAX_LIGHTS,
+    GpuAim, GpuCamera, GpuEnvironment, GpuFrame, GpuLight, GpuLobe, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn,
+    MAX_ENVIRONMENTS, MAX_LIGHTS,
 };
+use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
+use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
+use mirrorball_render::passes::separable_blur::ITERATIONS;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -169,6 +172,41 @@ fn shared_structs_have_one_layout() {
 }
 
 #[test]
+fn structs_of_the_light_maps_have_one_layout() {
+    assert_same_layout!("downsample", "Node", GpuNode { power, direction });
+    for pass in ["prefilter_specular", "prefilter_phong", "irradiance_cube"] {
+        assert_eq!(
+            layout(&module(pass), "Node"),
+            layout(&module("downsample"), "Node"),
+            "{pass}"
+        );
+        assert_eq!(
+            layout(&module(pass), "Lobe"),
+            layout(&module("prefilter_specular"), "Lobe"),
+            "{pass}"
+        );
+    }
+    assert_same_layout!("prefilter_specular", "Lobe", GpuLobe { parameters });
+    assert_same_layout!("cylindrical", "Turn", GpuTurn { axis, sweep });
+}
+
+#[test]
+fn constants_of_the_light_maps_are_those_of_the_passes() {
+    let edge = format!("const SIZE: i32 = {IRRADIANCE_SIZE};");
+    let iterations = format!("const ITERATIONS: i32 = {ITERATIONS};");
+    let blur = source("separable_blur");
+    assert!(
+        blur.contains(&edge) && blur.contains(&iterations),
+        "separable_blur.wgsl lacks `{edge}` or `{iterations}`"
+    );
+    let levels = format!("level < {LEVELS}u; level++");
+    assert!(
+        source("downsample").contains(&levels),
+        "downsample.wgsl lacks `{levels}`"
+    );
+}
+
+#[test]
 fn arrays_are_as_long_as_the_constants_say() {
     for pass in ["receive", "shade"] {
         let module = module(pass);
@@ -188,6 +226,8 @@ fn arrays_are_as_long_as_the_constants_say() {
             "{pass}"
         );
     }
+    let (length, stride) = array(&module("shade"), "harmonics");
+    assert_eq!(u64::from(length * stride), MAX_ENVIRONMENTS as u64 * SH_STRIDE_BYTES);
 }
 
 #[test]
@@ -197,6 +237,10 @@ fn harmonics_of_an_environment_start_where_the_irradiance_pass_writes_them() {
     assert!(
         direct.contains(&format!("near_sh[{per_slot}u * slot + i]")),
         "direct.wgsl counts another stride"
+    );
+    assert!(
+        direct.contains(&format!("harmonics[{per_slot}u * slot + i]")),
+        "shade.wgsl counts another stride"
     );
 }
 

@@ -84,6 +84,17 @@ impl Gpu {
     /// A pipeline that draws the scene's triangles into depth and, where given, colour targets.
     #[must_use]
     pub fn render_pipeline(&self, name: &'static str, state: &RasterState<'_>) -> wgpu::RenderPipeline {
+        self.render_pipeline_variant(name, state, &[])
+    }
+
+    /// The same with values for the shader's pipeline constants.
+    #[must_use]
+    pub fn render_pipeline_variant(
+        &self,
+        name: &'static str,
+        state: &RasterState<'_>,
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
         let module = shader::module(&self.device, name);
         let targets: Vec<_> = state
             .targets
@@ -117,7 +128,10 @@ impl Gpu {
             fragment: (!targets.is_empty()).then(|| wgpu::FragmentState {
                 module: &module,
                 entry_point: Some("fragment"),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants,
+                    ..wgpu::PipelineCompilationOptions::default()
+                },
                 targets: &targets,
             }),
             multiview_mask: None,

@@ -3,36 +3,45 @@
 use std::borrow::Cow;
 
 /// Sources that passes share, by the name they are imported with.
-const SHARED: [(&str, &str); 8] = [
+const SHARED: [(&str, &str); 10] = [
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
     ("direct", include_str!("../../shaders/shared/direct.wgsl")),
+    ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
+    ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
 ];
 
 /// Sources of the passes, by the name of the pass.
-pub const PASSES: [(&str, &str); 11] = [
+pub const PASSES: [(&str, &str); 18] = [
     ("camera_depth", include_str!("../../shaders/camera_depth.wgsl")),
     ("composite", include_str!("../../shaders/composite.wgsl")),
+    ("cylindrical", include_str!("../../shaders/cylindrical.wgsl")),
     ("downsample", include_str!("../../shaders/downsample.wgsl")),
+    ("harmonics", include_str!("../../shaders/harmonics.wgsl")),
+    ("highlight", include_str!("../../shaders/highlight.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
+    ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),
     ),
     ("present", include_str!("../../shaders/present.wgsl")),
+    ("prefilter_phong", include_str!("../../shaders/prefilter_phong.wgsl")),
     (
         "prefilter_specular",
         include_str!("../../shaders/prefilter_specular.wgsl"),
     ),
     ("radiance_map", include_str!("../../shaders/radiance_map.wgsl")),
     ("receive", include_str!("../../shaders/receive.wgsl")),
+    ("separable_blur", include_str!("../../shaders/separable_blur.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
+    ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
 ];
 
 /// The complete WGSL of a pass; an unknown import stays in place and fails to compile, naming the line.

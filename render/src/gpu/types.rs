@@ -1,5 +1,6 @@
 //! What Rust and WGSL share: the same structs on both sides, compared member by member in a test.
 
+use crate::light_tree::{Lobe, tile_edge};
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, Mat3, Mat4, Vec4};
 use mirrorball_calib::camera::LensModel;
@@ -178,7 +179,51 @@ pub struct GpuStrong {
     pub cones: [Vec4; MAX_STRONG],
 }
 
-/// One virtual object's own environment.
+/// A lobe that a cube is filtered with (`Lobe` in `shared/lobe_sum.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuLobe {
+    /// x: GGX alpha or Phong exponent, 0 for the cosine; y: edge of a face of the filtered cube, texels; z: edge of a
+    /// tile, texels; w: factor of the result.
+    pub parameters: Vec4,
+}
+
+impl GpuLobe {
+    /// A lobe for faces of `size` texels.
+    #[must_use]
+    pub fn new(lobe: Lobe, size: u32, factor: f32) -> Self {
+        let parameter = match lobe {
+            Lobe::Ggx { alpha } => alpha,
+            Lobe::Phong { exponent } => exponent,
+            Lobe::Cosine => 0.0,
+        };
+        Self {
+            parameters: Vec4::new(parameter, size as f32, tile_edge(size) as f32, factor),
+        }
+    }
+}
+
+/// A node of a light tree (`Node` in `shared/light_tree.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuNode {
+    /// xyz: radiance times solid angle; w: variance of the light around its centre along one axis, rad².
+    pub power: Vec4,
+    /// xyz: unit direction of the centre; w: solid angle of the patch, steradians.
+    pub direction: Vec4,
+}
+
+/// One step of the cylindrical filter (`Turn` in `cylindrical.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuTurn {
+    /// xyz: unit axis; w: factor of the result.
+    pub axis: Vec4,
+    /// x: angle that is swept, radians; y: number of steps; z, w: unused.
+    pub sweep: Vec4,
+}
+
+/// Where an object's own environment is taken (`Environment` in `shared/lights.wgsl`).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuEnvironment {

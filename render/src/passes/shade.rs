@@ -1,6 +1,7 @@
 //! Virtual objects as radiance, with smooth edges.
 
 use super::direct::{DirectLight, Inputs};
+use crate::config::{DiffuseMethod, LightConfig, SpecularMethod};
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, RasterState, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
@@ -18,14 +19,42 @@ pub struct Shade {
     resolved: wgpu::TextureView,
 }
 
+/// What the pass draws.
+#[derive(Debug, Clone, Copy)]
+pub struct ShadeTarget {
+    /// Columns and rows.
+    pub size_px: [u32; 2],
+    /// How light reaches the objects.
+    pub light: LightConfig,
+}
+
+/// Value of the shader's constant `DIFFUSE`.
+fn diffuse_constant(method: DiffuseMethod) -> f64 {
+    match method {
+        DiffuseMethod::Lights => 0.0,
+        DiffuseMethod::CosineCube | DiffuseMethod::SeparableBlur | DiffuseMethod::Cylindrical => 1.0,
+        DiffuseMethod::Sh9 => 2.0,
+        DiffuseMethod::SphereMap => 3.0,
+    }
+}
+
+/// Value of the shader's constant `SPECULAR`.
+fn specular_constant(method: SpecularMethod) -> f64 {
+    match method {
+        SpecularMethod::Ggx => 0.0,
+        SpecularMethod::Phong | SpecularMethod::Highlight => 1.0,
+        SpecularMethod::SphereMap => 2.0,
+    }
+}
+
 impl Shade {
-    /// A pass for pictures of `size_px`; `sampler` is linear and clamped.
+    /// A pass for `target`; `sampler` is linear and clamped.
     #[must_use]
     pub fn new(
         gpu: &Gpu,
         direct: &DirectLight,
         inputs: Inputs<'_>,
-        (sampler, size_px): (&wgpu::Sampler, [u32; 2]),
+        (sampler, target): (&wgpu::Sampler, ShadeTarget),
     ) -> Self {
         let state = RasterState {
             targets: &[RADIANCE_FORMAT],
@@ -33,7 +62,11 @@ impl Shade {
             bias: wgpu::DepthBiasState::default(),
             cull: None,
         };
-        let pipeline = gpu.render_pipeline("shade", &state);
+        let constants = [
+            ("DIFFUSE", diffuse_constant(target.light.diffuse)),
+            ("SPECULAR", specular_constant(target.light.specular)),
+        ];
+        let pipeline = gpu.render_pipeline_variant("shade", &state, &constants);
         let repeating = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("shade: base colours"),
             address_mode_u: wgpu::AddressMode::Repeat,
@@ -42,6 +75,13 @@ impl Shade {
             min_filter: wgpu::FilterMode::Linear,
             ..wgpu::SamplerDescriptor::default()
         });
+        let sphere_maps = inputs
+            .environments
+            .sphere_maps
+            .create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..wgpu::TextureViewDescriptor::default()
+            });
         let mut resources = direct.resources(inputs);
         resources.extend([
             inputs.scene.materials.as_entire_binding(),
@@ -49,19 +89,22 @@ impl Shade {
             wgpu::BindingResource::Sampler(sampler),
             wgpu::BindingResource::TextureView(&inputs.scene.base_colors),
             wgpu::BindingResource::Sampler(&repeating),
+            wgpu::BindingResource::TextureView(&inputs.environments.irradiance_view),
+            inputs.environments.harmonics.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&sphere_maps),
         ]);
         let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
-        let target = |samples| {
+        let radiance = |samples| {
             let shape = TextureShape {
                 samples,
-                ..TextureShape::plain(size_px)
+                ..TextureShape::plain(target.size_px)
             };
             let texture = gpu.texture("shade: radiance", shape, RADIANCE_FORMAT);
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
         Self {
-            samples: target(SAMPLES),
-            resolved: target(1),
+            samples: radiance(SAMPLES),
+            resolved: radiance(1),
             pipeline,
             bindings,
         }

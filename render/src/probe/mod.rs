@@ -84,7 +84,7 @@ impl LightProbe {
         };
         Self {
             config: config.probe,
-            lights: LightTracker::new(config.lights.method, &open, counts),
+            lights: LightTracker::new(config.light.extraction, &open, counts),
             meter: LightMeter::new(rig, occluders, interest, &mirrors_of(rig)),
             fusion: Fusion::new(size, config.probe.change_ratio, config.probe.average_frames),
             assumed_m: near_m.map(|&near| near.min(config.probe.room_distance_m)),

@@ -1,13 +1,22 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs` compares the three.
-//! Passes that only draw or average (`camera_depth`, `downsample`, `present`) have none.
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs` and `tests/light_maps.rs` compare the three.
+//! Passes that only draw (`camera_depth`, `present`) have none.
 
 pub mod composite;
+pub mod cylindrical;
+pub mod downsample;
+pub mod harmonics;
+pub mod highlight;
 pub mod irradiance;
+pub mod irradiance_cube;
+pub mod lobe_sum;
+pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod receive;
+pub mod separable_blur;
 pub mod shadow_map;
+pub mod sphere_map;
 
 /// Probe picture to radiance cube: `calib` needs it as well, for single pictures.
 pub use mirrorball_calib::probe::radiance_map;

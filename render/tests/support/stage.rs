@@ -3,6 +3,7 @@
 use glam::{Vec3, Vec4};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
+use mirrorball_render::config::LightConfig;
 use mirrorball_render::environments::Environments;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::timer::Timer;
@@ -10,7 +11,7 @@ use mirrorball_render::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight};
 use mirrorball_render::passes::camera_depth::CameraDepth;
 use mirrorball_render::passes::direct::{DirectLight, Inputs};
 use mirrorball_render::passes::receive::Receive;
-use mirrorball_render::passes::shade::{SAMPLES, Shade};
+use mirrorball_render::passes::shade::{SAMPLES, Shade, ShadeTarget};
 use mirrorball_render::passes::shadow_map::{ShadowMapPass, ShadowMaps, ShadowWork, Sphere, enclosing};
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
@@ -56,7 +57,11 @@ impl Stage {
             virtual_maps: &virtual_maps.view,
         };
         let receive = Receive::new(&gpu, &direct, inputs, size_px);
-        let shade = Shade::new(&gpu, &direct, inputs, (&gpu.linear_sampler(), size_px));
+        let target = ShadeTarget {
+            size_px,
+            light: LightConfig::default(),
+        };
+        let shade = Shade::new(&gpu, &direct, inputs, (&gpu.linear_sampler(), target));
         let spheres = |kind: Option<Kind>| {
             let sphere = |object: &mirrorball_render::scene::Object| {
                 let (center_m, radius_m) = object.bounding_sphere(rig);
@@ -88,6 +93,36 @@ impl Stage {
             everything,
             map_size,
         }
+    }
+
+    /// Radiance of the virtual objects and their coverage as `camera_from_world` sees them, lit by the environments' maps
+    /// and by no other light.
+    pub(crate) fn shaded(&mut self, rig: &Rig, camera_from_world: &Pose, light: LightConfig) -> Vec<Vec4> {
+        let target = ShadeTarget {
+            size_px: rig.scene_camera().intrinsics.size_px,
+            light,
+        };
+        let inputs = Inputs {
+            camera: &self.camera,
+            scene: &self.buffers,
+            environments: &self.environments,
+            phantom_maps: &self.phantom_maps.view,
+            virtual_maps: &self.virtual_maps.view,
+        };
+        self.shade = Shade::new(&self.gpu, &self.direct, inputs, (&self.gpu.linear_sampler(), target));
+        self.ratios(rig, camera_from_world, &[], self.everything);
+        let mut encoder = self
+            .gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        self.depth.record(&mut encoder, &mut self.timer, &self.buffers);
+        self.shade
+            .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.multisampled());
+        self.gpu.queue.submit([encoder.finish()]);
+        super::read_layer::<[half::f16; 4]>(&self.gpu, self.shade.radiance().texture(), 0, 0)
+            .into_iter()
+            .map(|t| Vec4::from_array(t.map(half::f16::to_f32)))
+            .collect()
     }
 
     /// Aims of shadow maps that cover `receivers`.
@@ -164,4 +199,15 @@ pub(crate) fn light(position_m: Vec3, irradiance: f32) -> GpuLight {
         position_m: position_m.extend(0.0),
         intensity: Vec3::splat(irradiance * position_m.length_squared()).extend(0.0),
     }
+}
+
+/// A stage around one glossy sphere on which environments can be tried.
+pub(crate) fn environment_stage(gpu: Gpu) -> Stage {
+    let sphere = super::sphere(Vec3::Z * 0.1, 0.05, 8, super::mirror());
+    Stage::new(
+        gpu,
+        &super::rig(),
+        &super::scene([("sphere", Kind::Virtual, sphere)]),
+        [64, 1],
+    )
 }

@@ -13,9 +13,9 @@
 //!   2003, "Determining the camera response from images: what is knowable?").
 //! - Residuals are weighted robustly (Cauchy), so that what moved counts for nothing, and g never falls (pool adjacent
 //!   violators, Ayer et al. 1955).
-//! - Exposure times may be nominal: then each gets a correction, with a standard deviation of 5 % beforehand, none of them in
-//!   common and none that grows with exposure, which no picture could tell from another curve.
+//! - Exposure times may be nominal: then curve and exposure times are fitted in turns, see [`ExposureTimes`].
 
+mod exposures;
 mod patches;
 mod ratios;
 mod solve;
@@ -24,6 +24,9 @@ pub use patches::FlatPatches;
 pub use ratios::{PairError, RatioErrors, ratio_errors};
 
 use crate::response::ResponseCurve;
+
+/// Turns of fitting curve and exposure times; afterwards times move by less than a thousandth.
+const TURNS: usize = 6;
 
 /// One picture of the scene.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +53,8 @@ pub enum Channels {
 pub enum ExposureTimes {
     /// As they are.
     Exact,
-    /// To be corrected.
+    /// To be corrected: each with a standard deviation of 5 % beforehand. A factor common to all, and one that grows with
+    /// the exposure time, stay as they are, since no picture can tell them from another curve.
     Nominal,
 }
 
@@ -139,34 +143,36 @@ pub fn fit_patches(
         Channels::Shared => &[&[0, 1, 2]],
         Channels::Separate => &[&[0], &[1], &[2]],
     };
-    let mut log_exposures: Vec<f64> = patches.exposures_s().iter().map(|time| time.ln()).collect();
+    let solve = |log_exposures: &[f64]| -> Result<Vec<solve::Solution>, FitError> {
+        groups
+            .iter()
+            .map(|group| solve::solve(patches, group, log_exposures))
+            .collect()
+    };
+    let nominal: Vec<f64> = patches.exposures_s().iter().map(|time| time.ln()).collect();
+    let mut log_exposures = nominal.clone();
+    let mut solutions = solve(&log_exposures)?;
     if times == ExposureTimes::Nominal {
-        let mut corrections = vec![0.0; log_exposures.len()];
-        for group in groups {
-            let solution = solve::solve(patches, group, &log_exposures, ExposureTimes::Nominal)?;
-            for (sum, correction) in corrections.iter_mut().zip(solution.corrections) {
-                *sum += correction / groups.len() as f64;
-            }
+        for _ in 0..TURNS {
+            log_exposures = exposures::correct(patches, &curves(&solutions), &nominal);
+            solutions = solve(&log_exposures)?;
         }
-        for (time, correction) in log_exposures.iter_mut().zip(corrections) {
-            *time += correction;
-        }
-    }
-    let mut solutions = Vec::new();
-    for group in groups {
-        solutions.push(solve::solve(patches, group, &log_exposures, ExposureTimes::Exact)?);
     }
     let codes = |end: usize| solutions.iter().map(move |solution| solution.known_codes[end]);
     let known_codes = [codes(0).min().unwrap_or(0), codes(1).max().unwrap_or(255)];
-    let curve = |channel: usize| solutions[channel.min(solutions.len() - 1)].curve.clone();
     Ok(FittedResponse {
-        curves: [curve(0), curve(1), curve(2)],
+        curves: curves(&solutions),
         exposures_s: match times {
             ExposureTimes::Exact => patches.exposures_s().to_vec(),
             ExposureTimes::Nominal => log_exposures.into_iter().map(f64::exp).collect(),
         },
         known_codes,
     })
+}
+
+/// Curves of red, green and blue, of one solution or three.
+fn curves(solutions: &[solve::Solution]) -> [ResponseCurve; 3] {
+    std::array::from_fn(|channel| solutions[channel.min(solutions.len() - 1)].curve.clone())
 }
 
 #[cfg(test)]

@@ -45,6 +45,31 @@ pub struct PairError {
 #[must_use]
 pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Option<RatioErrors> {
     let mut sizes = Vec::new();
+    let pairs = measured_pairs(patches, curves, exposures_s, |errors| {
+        sizes.extend(errors.iter().map(|error| error.abs()));
+    });
+    let worst = *pairs.iter().max_by(|a, b| a.error.abs().total_cmp(&b.error.abs()))?;
+    Some(RatioErrors {
+        patches: sizes.len(),
+        patch_median: median(sizes),
+        pair_median: median(pairs.iter().map(|pair| pair.error.abs()).collect()),
+        worst,
+        pairs: pairs.len(),
+    })
+}
+
+/// The error of every pair of pictures and channel that has enough patches.
+pub(super) fn pair_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Vec<PairError> {
+    measured_pairs(patches, curves, exposures_s, |_| ())
+}
+
+/// The same; `each` gets the errors of a pair's patches.
+fn measured_pairs(
+    patches: &FlatPatches,
+    curves: &[ResponseCurve; 3],
+    exposures_s: &[f64],
+    mut each: impl FnMut(&[f64]),
+) -> Vec<PairError> {
     let mut pairs = Vec::new();
     for [a, b] in patches::ordered_pairs(exposures_s) {
         for (channel, curve) in curves.iter().enumerate() {
@@ -54,7 +79,7 @@ pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposure
                 .map(|[code_a, code_b]| linear_at(curve, code_a) / linear_at(curve, code_b) / ratio - 1.0)
                 .collect();
             if errors.len() >= MIN_PATCHES {
-                sizes.extend(errors.iter().map(|error| error.abs()));
+                each(&errors);
                 pairs.push(PairError {
                     pictures: [a, b],
                     channel,
@@ -64,14 +89,7 @@ pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposure
             }
         }
     }
-    let worst = *pairs.iter().max_by(|a, b| a.error.abs().total_cmp(&b.error.abs()))?;
-    Some(RatioErrors {
-        patches: sizes.len(),
-        patch_median: median(sizes),
-        pair_median: median(pairs.iter().map(|pair| pair.error.abs()).collect()),
-        worst,
-        pairs: pairs.len(),
-    })
+    pairs
 }
 
 /// The signal between two codes: linear, as far as a mean of codes goes.

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{ExposureTimes, FitError, FlatPatches, patches, ratios::linear_at};
+use super::{FitError, FlatPatches, patches, ratios::linear_at};
 use crate::response::ResponseCurve;
 
 const CODES: usize = 256;
@@ -35,9 +35,6 @@ const USUAL_EXPONENT: f64 = 2.2;
 /// Error of a log ratio that no number of patches removes.
 const MODEL_ERROR: f64 = 0.004;
 
-/// Standard deviation of the logarithm of a nominal exposure time.
-const TIME_DEVIATION: f64 = 0.05;
-
 /// Weight of what is fixed by definition.
 const FIXED: f64 = 1e8;
 
@@ -59,8 +56,6 @@ const ANCHOR: usize = 128;
 /// What solving yields.
 pub(super) struct Solution {
     pub(super) curve: ResponseCurve,
-    /// Logarithms of what the exposure times are to be multiplied with.
-    pub(super) corrections: Vec<f64>,
     pub(super) known_codes: [u8; 2],
 }
 
@@ -73,27 +68,20 @@ struct Match {
 }
 
 /// Solves for one curve of the given channels: twice, the second time without the patches in which something has moved.
-pub(super) fn solve(
-    patches: &FlatPatches,
-    channels: &[usize],
-    log_exposures: &[f64],
-    times: ExposureTimes,
-) -> Result<Solution, FitError> {
-    let first = solve_once(patches, channels, log_exposures, times, |_, _| true)?;
-    let exposures = |picture: usize| log_exposures[picture] + first.corrections[picture];
+pub(super) fn solve(patches: &FlatPatches, channels: &[usize], log_exposures: &[f64]) -> Result<Solution, FitError> {
+    let first = solve_once(patches, channels, log_exposures, |_, _| true)?;
     let is_still = |[a, b]: [usize; 2], codes: [f32; 2]| {
         let [signal_a, signal_b] = codes.map(|code| linear_at(&first.curve, code));
-        let error = (signal_a / signal_b).ln() - (exposures(a) - exposures(b));
+        let error = (signal_a / signal_b).ln() - (log_exposures[a] - log_exposures[b]);
         error.abs() < MAX_CONTRADICTION
     };
-    solve_once(patches, channels, log_exposures, times, is_still)
+    solve_once(patches, channels, log_exposures, is_still)
 }
 
 fn solve_once(
     patches: &FlatPatches,
     channels: &[usize],
     log_exposures: &[f64],
-    times: ExposureTimes,
     is_still: impl Fn([usize; 2], [f32; 2]) -> bool,
 ) -> Result<Solution, FitError> {
     let (mut matches, mut most) = (Vec::new(), 0);
@@ -122,22 +110,17 @@ fn solve_once(
             needed: MIN_PATCHES,
         });
     }
-    let n_corrections = match times {
-        ExposureTimes::Exact => 0,
-        ExposureTimes::Nominal => log_exposures.len(),
-    };
     // Whether the floor is the base of a film or merely the darkest thing in sight is for the pictures to say.
     let mut floors = vec![0.0, 0.5 * floor, (floor - 1.0).max(0.0)];
     floors.dedup();
     let best = floors
         .into_iter()
-        .map(|floor| Problem::new(&matches, log_exposures, n_corrections, floor).solve())
+        .map(|floor| Problem::new(&matches, log_exposures, floor).solve())
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .expect("there is at least one floor to try");
     let codes = || matches.iter().flat_map(|found| found.codes);
     Ok(Solution {
         curve: curve(&best.log_signal, floor),
-        corrections: best.corrections,
         known_codes: [
             codes().fold(255.0, f64::min) as u8,
             codes().fold(0.0, f64::max).ceil() as u8,
@@ -176,53 +159,40 @@ fn add_matches(pairs: &[[f32; 2]], pictures: [usize; 2], low: f64, matches: &mut
     }
 }
 
-/// One row per match: `g(a) − g(b) − d(a) + d(b) = ln(t(a) / t(b))`, g linear between codes.
-struct Problem<'a> {
+/// One row per match: `g(a) − g(b) = ln(t(a) / t(b))`, g linear between codes.
+struct Problem {
     rows: Vec<Row>,
     /// Second differences of g.
     bend: DMatrix<f64>,
     start: DVector<f64>,
-    log_exposures: &'a [f64],
 }
 
 struct Row {
-    terms: [(usize, f64); 6],
-    n_terms: usize,
+    terms: [(usize, f64); 4],
     log_ratio: f64,
     sigma: f64,
 }
 
 impl Row {
-    fn terms(&self) -> &[(usize, f64)] {
-        &self.terms[..self.n_terms]
-    }
-
     fn residual(&self, x: &DVector<f64>) -> f64 {
-        self.terms().iter().map(|&(at, factor)| factor * x[at]).sum::<f64>() - self.log_ratio
+        self.terms.iter().map(|&(at, factor)| factor * x[at]).sum::<f64>() - self.log_ratio
     }
 }
 
 struct Fit {
     log_signal: Vec<f64>,
-    corrections: Vec<f64>,
     cost: f64,
 }
 
-impl<'a> Problem<'a> {
-    fn new(matches: &[Match], log_exposures: &'a [f64], n_corrections: usize, floor: f64) -> Self {
+impl Problem {
+    fn new(matches: &[Match], log_exposures: &[f64], floor: f64) -> Self {
         let light: Vec<f64> = (0..CODES).map(|code| above_floor(code as f64, floor)).collect();
-        let mut start = DVector::zeros(CODES + n_corrections);
-        for code in 0..CODES {
-            start[code] = USUAL_EXPONENT * (light[code] / light[CODES - 1]).ln();
-        }
-        let rows = matches
-            .iter()
-            .map(|found| row(found, log_exposures, n_corrections > 0, &start))
-            .collect();
+        let start = DVector::from_fn(CODES, |code, _| USUAL_EXPONENT * (light[code] / light[CODES - 1]).ln());
+        let rows = matches.iter().map(|found| row(found, log_exposures, &start)).collect();
         let u: Vec<f64> = (0..CODES)
             .map(|code| light[code].ln() - (TOP - code as f64).ln())
             .collect();
-        let mut bend = DMatrix::zeros(CODES - 2, CODES + n_corrections);
+        let mut bend = DMatrix::zeros(CODES - 2, CODES);
         for code in 1..CODES - 1 {
             let (before, after) = (u[code] - u[code - 1], u[code + 1] - u[code]);
             let scale = 1.0 / (BEND * (0.5 * (before + after)).sqrt());
@@ -230,16 +200,12 @@ impl<'a> Problem<'a> {
             bend[(code - 1, code)] = -scale * (1.0 / before + 1.0 / after);
             bend[(code - 1, code + 1)] = scale / after;
         }
-        Self {
-            rows,
-            bend,
-            start,
-            log_exposures,
-        }
+        Self { rows, bend, start }
     }
 
     fn solve(&self) -> Fit {
-        let smoothness = self.bend.tr_mul(&self.bend) + self.priors();
+        let mut smoothness = self.bend.tr_mul(&self.bend);
+        smoothness[(ANCHOR, ANCHOR)] += FIXED;
         let mut x = self.start.clone();
         for round in 0..ROUNDS {
             let mut normal = smoothness.clone();
@@ -254,16 +220,16 @@ impl<'a> Problem<'a> {
                     OUTLIER_SIGMAS * row.sigma
                 };
                 let weight = row.sigma.powi(-2) / (1.0 + (residual / scale).powi(2));
-                for &(i, factor_i) in row.terms() {
+                for &(i, factor_i) in &row.terms {
                     right[i] += weight * factor_i * row.log_ratio;
-                    for &(j, factor_j) in row.terms() {
+                    for &(j, factor_j) in &row.terms {
                         normal[(i, j)] += weight * factor_i * factor_j;
                     }
                 }
             }
             let Some(cholesky) = normal.cholesky() else { break };
             x = cholesky.solve(&right);
-            pool_adjacent_violators(&mut x.as_mut_slice()[..CODES]);
+            pool_adjacent_violators(x.as_mut_slice());
         }
         let misfit: f64 = self
             .rows
@@ -272,34 +238,14 @@ impl<'a> Problem<'a> {
             .sum();
         Fit {
             cost: misfit + (&self.bend * &x).norm_squared(),
-            log_signal: x.as_slice()[..CODES].to_vec(),
-            corrections: match x.as_slice()[CODES..] {
-                [] => vec![0.0; self.log_exposures.len()],
-                ref corrections => corrections.to_vec(),
-            },
+            log_signal: x.as_slice().to_vec(),
         }
-    }
-
-    /// What holds beforehand: g at one code; corrections that are small, zero on the whole, and do not grow with exposure.
-    fn priors(&self) -> DMatrix<f64> {
-        let n = self.start.len();
-        let mut normal = DMatrix::zeros(n, n);
-        normal[(ANCHOR, ANCHOR)] = FIXED;
-        let times = self.log_exposures;
-        let mean = times.iter().sum::<f64>() / times.len() as f64;
-        for i in CODES..n {
-            normal[(i, i)] += TIME_DEVIATION.powi(-2);
-            for j in CODES..n {
-                normal[(i, j)] += FIXED * (1.0 + (times[i - CODES] - mean) * (times[j - CODES] - mean));
-            }
-        }
-        normal
     }
 }
 
-fn row(found: &Match, log_exposures: &[f64], with_corrections: bool, start: &DVector<f64>) -> Row {
+fn row(found: &Match, log_exposures: &[f64], start: &DVector<f64>) -> Row {
     let [a, b] = found.pictures;
-    let mut terms = [(0, 0.0); 6];
+    let mut terms = [(0, 0.0); 4];
     let mut variance = 0.0;
     for (side, (code, sign)) in found.codes.into_iter().zip([1.0, -1.0]).enumerate() {
         let below = (code as usize).min(CODES - 2);
@@ -309,11 +255,8 @@ fn row(found: &Match, log_exposures: &[f64], with_corrections: bool, start: &DVe
         // A patch is uncertain by about a code.
         variance += (start[below + 1] - start[below]).powi(2);
     }
-    terms[4] = (CODES + a, -1.0);
-    terms[5] = (CODES + b, 1.0);
     Row {
         terms,
-        n_terms: if with_corrections { 6 } else { 4 },
         log_ratio: log_exposures[a] - log_exposures[b],
         sigma: (variance / found.patches + MODEL_ERROR.powi(2)).sqrt(),
     }

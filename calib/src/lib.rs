@@ -37,7 +37,8 @@
 //!
 //! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a
 //! pose; [`probe`] turns a picture of a mirror ball or of a fisheye camera into radiance from every direction, [`lights`]
-//! that into a few lights; [`merge`] makes one radiance of several exposures; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
+//! that into a few lights; [`merge`] makes one radiance of several exposures, [`response_fit`] finds
+//! the response of the camera that took them; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -70,6 +71,7 @@ pub mod pose;
 pub mod probe;
 pub mod resection;
 pub mod response;
+pub mod response_fit;
 pub mod rig;
 pub mod tag;
 mod view;

@@ -2,6 +2,7 @@
 
 pub(crate) mod check;
 pub(crate) mod detect;
+pub(crate) mod merge;
 
 use std::{
     fs, io,
@@ -56,6 +57,8 @@ pub(crate) enum CommandError {
     },
     #[error("`{lost}` of `{frames}` frames have no pose")]
     Lost { lost: usize, frames: usize },
+    #[error(transparent)]
+    Merge(#[from] merge::MergeError),
     #[error("cannot write the result")]
     Output(#[source] io::Error),
 }
@@ -64,7 +67,8 @@ impl CommandError {
     /// 2 for bad input, 1 for failure.
     pub(crate) fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
+            Self::Merge(error) if error.is_bad_input() => ExitCode::from(2),
+            Self::Merge(_) | Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
             Self::ReadRig { .. }
             | Self::Rig { .. }
             | Self::NoCamera { .. }
@@ -86,6 +90,7 @@ impl CommandError {
             Self::Lost { .. } => {
                 Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
             }
+            Self::Merge(error) => error.hint(),
             Self::Output(_) => None,
         }
     }

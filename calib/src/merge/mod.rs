@@ -11,6 +11,7 @@
 //! A clipped sample says "at least", a black one "at most". Samples that contradict each other show that something has
 //! changed; then the newest are believed.
 
+pub mod exposure_list;
 pub mod motion;
 pub mod noise;
 #[cfg(test)]
@@ -108,8 +109,9 @@ impl Consistency {
     }
 
     /// Whether the samples agree with each other.
-    fn holds(&self, samples: &[Sample]) -> bool {
-        let Some((mean, _)) = weighted_mean(samples, |sample, radiance| self.variance(sample, radiance)) else {
+    fn holds<'a>(&self, samples: impl Iterator<Item = &'a Sample> + Clone) -> bool {
+        let variance = |sample: &Sample, radiance: f32| self.variance(sample, radiance);
+        let Some((mean, _)) = weighted_mean(samples.clone(), variance) else {
             // Bounds of one kind only.
             return true;
         };
@@ -151,7 +153,8 @@ fn chi_square_limit(freedom: usize, sigmas: f32) -> f32 {
 /// when there is no sample.
 #[must_use]
 pub fn merge(samples: &[Sample], consistency: &Consistency) -> Option<Estimate> {
-    estimate(samples, trusted(samples, consistency))
+    let trusted = trusted(samples, |sample| sample, consistency);
+    estimate(samples[samples.len() - trusted..].iter(), trusted)
 }
 
 /// Merges samples of one place in three channels, oldest first; all channels come from the same samples.
@@ -159,41 +162,31 @@ pub fn merge(samples: &[Sample], consistency: &Consistency) -> Option<Estimate> 
 /// `None` when there is no sample.
 #[must_use]
 pub fn merge_rgb(samples: &[[Sample; 3]], consistency: &Consistency) -> Option<[Estimate; 3]> {
-    let mut channel_samples = [Sample::default(); MAX_FREEDOM];
-    // A bracket is shorter than that; of more the newest count.
-    let newest = &samples[samples.len().saturating_sub(MAX_FREEDOM)..];
-    let mut gather = |channel: usize| {
-        for (sample, all) in channel_samples.iter_mut().zip(newest) {
-            *sample = all[channel];
-        }
-        channel_samples
-    };
-    let n = newest.len();
     let trusted = (0..3)
-        .map(|channel| trusted(&gather(channel)[..n], consistency))
+        .map(|channel| trusted(samples, |rgb| &rgb[channel], consistency))
         .min()
         .unwrap_or(0);
-    let mut of = |channel: usize| estimate(&gather(channel)[..n], trusted);
+    let newest = &samples[samples.len() - trusted..];
+    let of = |channel: usize| estimate(newest.iter().map(move |rgb| &rgb[channel]), trusted);
     Some([of(0)?, of(1)?, of(2)?])
 }
 
-/// How many of the newest samples agree with each other.
-fn trusted(samples: &[Sample], consistency: &Consistency) -> usize {
-    if consistency.holds(samples) {
-        return samples.len();
+/// How many of the newest places' samples agree with each other.
+fn trusted<T>(places: &[T], sample: impl Fn(&T) -> &Sample + Copy, consistency: &Consistency) -> usize {
+    let newest_hold = |n: usize| consistency.holds(places[places.len() - n..].iter().map(sample));
+    if newest_hold(places.len()) {
+        return places.len();
     }
-    (1..samples.len())
-        .take_while(|&n| consistency.holds(&samples[samples.len() - n..]))
-        .last()
-        .unwrap_or(0)
+    (1..places.len()).take_while(|&n| newest_hold(n)).last().unwrap_or(0)
 }
 
-/// The radiance of maximum likelihood of the `trusted` newest samples.
-fn estimate(samples: &[Sample], trusted: usize) -> Option<Estimate> {
-    let samples = &samples[samples.len() - trusted..];
-    let of = |wanted: Clipping| samples.iter().filter(move |sample| sample.clipping == wanted);
-    let measured = of(Clipping::None).next().is_some();
-    let bound = of(Clipping::Above).max_by(|a, b| a.radiance.total_cmp(&b.radiance));
+/// The radiance of maximum likelihood of samples that are trusted.
+fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usize) -> Option<Estimate> {
+    let measured = samples.clone().any(|sample| sample.clipping == Clipping::None);
+    let bound = samples
+        .clone()
+        .filter(|sample| sample.clipping == Clipping::Above)
+        .max_by(|a, b| a.radiance.total_cmp(&b.radiance));
     let (radiance, variance, state) = match bound {
         Some(bound) if !measured => (bound.radiance, bound.variance_at(bound.radiance), State::AtLeast),
         Some(_) | None => {
@@ -213,21 +206,24 @@ fn estimate(samples: &[Sample], trusted: usize) -> Option<Estimate> {
 /// Mean of the samples that are not clipped above, weighted by the inverse of `variance` at that mean, and its variance.
 ///
 /// Black samples count as the measurement 0 that they are: leaving them out would brighten the dark.
-fn weighted_mean(samples: &[Sample], variance: impl Fn(&Sample, f32) -> f32) -> Option<(f32, f32)> {
-    let mean_at = |radiance_of: &dyn Fn(&Sample) -> f32| {
+fn weighted_mean<'a>(
+    samples: impl Iterator<Item = &'a Sample> + Clone,
+    variance: impl Fn(&Sample, f32) -> f32,
+) -> Option<(f32, f32)> {
+    let mean_at = |merged: Option<f32>| {
         let (mut weights, mut sum) = (0.0, 0.0);
-        for sample in samples {
+        for sample in samples.clone() {
             if sample.clipping != Clipping::Above {
-                let weight = 1.0 / variance(sample, radiance_of(sample));
+                let weight = 1.0 / variance(sample, merged.unwrap_or(sample.radiance));
                 weights += weight;
                 sum += weight * sample.radiance;
             }
         }
         (sum / weights, 1.0 / weights)
     };
-    let (mut mean, mut mean_variance) = mean_at(&|sample| sample.radiance);
+    let (mut mean, mut mean_variance) = mean_at(None);
     for _ in 0..ROUNDS {
-        (mean, mean_variance) = mean_at(&|_| mean);
+        (mean, mean_variance) = mean_at(Some(mean));
     }
     mean.is_finite().then_some((mean, mean_variance))
 }

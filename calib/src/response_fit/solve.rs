@@ -1,0 +1,335 @@
+//! The smooth, rising curve that explains the exposure ratios.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{FitError, FlatPatches, patches, ratios::linear_at};
+use crate::response::ResponseCurve;
+
+const CODES: usize = 256;
+
+/// Patches that two pictures must have in common.
+const MIN_PATCHES: usize = 100;
+
+/// Patches within a code and a half that make a quantile good.
+const MIN_NEAR: usize = 8;
+
+/// Largest ratio of two exposures that are compared: of more, too few codes are well exposed in both.
+const MAX_LOG_RATIO: f64 = 3.5;
+
+/// Codes above the floor from which on a code says something.
+const MIN_ABOVE_FLOOR: f64 = 4.0;
+
+/// The brightest code used: clipping starts before 255.
+const HIGHEST_CODE: f64 = 252.0;
+
+/// Where the coordinate of smoothness would end: far enough above 255 that codes near the top are still distinct.
+const TOP: f64 = 280.0;
+
+/// Change of slope that is expected over one unit of that coordinate (which has about six): smaller makes stiffer curves.
+/// Chosen so that a soft shoulder bends as it wants and staircases cost a hundred times more than they gain.
+const BEND: f64 = 0.1;
+
+/// Exponent of the curve that sets the noise of a code beforehand; cameras lie between 1 and 3.
+const USUAL_EXPONENT: f64 = 2.2;
+
+/// Error of a log ratio that no number of patches removes.
+const MODEL_ERROR: f64 = 0.004;
+
+/// Weight of what is fixed by definition.
+const FIXED: f64 = 1e8;
+
+/// Scale of the Cauchy weights in standard deviations.
+const OUTLIER_SIGMAS: f64 = 3.0;
+
+/// Log ratio that counts as an outlier before there is a curve.
+const FIRST_OUTLIER: f64 = 0.3;
+
+/// Log ratio by which a patch may contradict the first curve: far beyond noise, so that leaving it out bends nothing.
+const MAX_CONTRADICTION: f64 = 0.3;
+
+/// Rounds of robust weighting; afterwards g moves by less than a thousandth.
+const ROUNDS: usize = 8;
+
+/// The code at which g is held while solving.
+const ANCHOR: usize = 128;
+
+/// What solving yields.
+pub(super) struct Solution {
+    pub(super) curve: ResponseCurve,
+    pub(super) known_codes: [u8; 2],
+}
+
+/// The same light in two pictures.
+struct Match {
+    codes: [f64; 2],
+    pictures: [usize; 2],
+    /// Number of patches behind it.
+    patches: f64,
+}
+
+/// Solves for one curve of the given channels: twice, the second time without the patches in which something has moved.
+pub(super) fn solve(patches: &FlatPatches, channels: &[usize], log_exposures: &[f64]) -> Result<Solution, FitError> {
+    let first = solve_once(patches, channels, log_exposures, |_, _| true)?;
+    let is_still = |[a, b]: [usize; 2], codes: [f32; 2]| {
+        let [signal_a, signal_b] = codes.map(|code| linear_at(&first.curve, code));
+        let error = (signal_a / signal_b).ln() - (log_exposures[a] - log_exposures[b]);
+        error.abs() < MAX_CONTRADICTION
+    };
+    solve_once(patches, channels, log_exposures, is_still)
+}
+
+fn solve_once(
+    patches: &FlatPatches,
+    channels: &[usize],
+    log_exposures: &[f64],
+    is_still: impl Fn([usize; 2], [f32; 2]) -> bool,
+) -> Result<Solution, FitError> {
+    let (mut matches, mut most) = (Vec::new(), 0);
+    let floor = channels
+        .iter()
+        .map(|&channel| patches.floor(channel))
+        .fold(0.0, f64::max);
+    let exposures: Vec<f64> = log_exposures.iter().map(|log| log.exp()).collect();
+    for pictures in patches::ordered_pairs(&exposures) {
+        if log_exposures[pictures[0]] - log_exposures[pictures[1]] > MAX_LOG_RATIO {
+            continue;
+        }
+        for &channel in channels {
+            let low = floor + MIN_ABOVE_FLOOR;
+            let pairs: Vec<[f32; 2]> = patches
+                .pairs(pictures, channel, [low as f32, HIGHEST_CODE as f32])
+                .filter(|&codes| is_still(pictures, codes))
+                .collect();
+            most = most.max(pairs.len());
+            add_matches(&pairs, pictures, low, &mut matches);
+        }
+    }
+    if matches.is_empty() {
+        return Err(FitError::NothingInCommon {
+            found: most,
+            needed: MIN_PATCHES,
+        });
+    }
+    // Whether the floor is the base of a film or merely the darkest thing in sight is for the pictures to say.
+    let mut floors = vec![0.0, 0.5 * floor, (floor - 1.0).max(0.0)];
+    floors.dedup();
+    let best = floors
+        .into_iter()
+        .map(|floor| Problem::new(&matches, log_exposures, floor).solve())
+        .min_by(|a, b| a.cost.total_cmp(&b.cost))
+        .expect("there is at least one floor to try");
+    let codes = || matches.iter().flat_map(|found| found.codes);
+    Ok(Solution {
+        curve: curve(&best.log_signal, floor),
+        known_codes: [
+            codes().fold(255.0, f64::min) as u8,
+            codes().fold(0.0, f64::max).ceil() as u8,
+        ],
+    })
+}
+
+/// Adds the equal quantiles of the patches that two pictures have in common, one per code of the first.
+fn add_matches(pairs: &[[f32; 2]], pictures: [usize; 2], low: f64, matches: &mut Vec<Match>) {
+    if pairs.len() < MIN_PATCHES {
+        return;
+    }
+    let [mut a, mut b]: [Vec<f32>; 2] = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect());
+    a.sort_by(f32::total_cmp);
+    b.sort_by(f32::total_cmp);
+    let near = |sorted: &[f32], code: f64| {
+        let below = |limit: f64| sorted.partition_point(|&mean| f64::from(mean) < limit);
+        below(code + 1.5) - below(code - 1.5)
+    };
+    for code in low.ceil() as u16..=HIGHEST_CODE as u16 {
+        let code_a = f64::from(code);
+        let at = a.partition_point(|&mean| f64::from(mean) < code_a);
+        // At the ends of the common range, noise decides which patches are in it.
+        if at < 2 * MIN_NEAR || at + 2 * MIN_NEAR >= b.len() {
+            continue;
+        }
+        let code_b = 0.5 * (f64::from(b[at - 1]) + f64::from(b[at]));
+        let patches = near(&a, code_a).min(near(&b, code_b));
+        if patches >= MIN_NEAR {
+            matches.push(Match {
+                codes: [code_a, code_b],
+                pictures,
+                patches: patches as f64,
+            });
+        }
+    }
+}
+
+/// One row per match: `g(a) − g(b) = ln(t(a) / t(b))`, g linear between codes.
+struct Problem {
+    rows: Vec<Row>,
+    /// Second differences of g.
+    bend: DMatrix<f64>,
+    start: DVector<f64>,
+}
+
+struct Row {
+    terms: [(usize, f64); 4],
+    log_ratio: f64,
+    sigma: f64,
+}
+
+impl Row {
+    fn residual(&self, x: &DVector<f64>) -> f64 {
+        self.terms.iter().map(|&(at, factor)| factor * x[at]).sum::<f64>() - self.log_ratio
+    }
+}
+
+struct Fit {
+    log_signal: Vec<f64>,
+    cost: f64,
+}
+
+impl Problem {
+    fn new(matches: &[Match], log_exposures: &[f64], floor: f64) -> Self {
+        let light: Vec<f64> = (0..CODES).map(|code| above_floor(code as f64, floor)).collect();
+        let start = DVector::from_fn(CODES, |code, _| USUAL_EXPONENT * (light[code] / light[CODES - 1]).ln());
+        let rows = matches.iter().map(|found| row(found, log_exposures, &start)).collect();
+        let u: Vec<f64> = (0..CODES)
+            .map(|code| light[code].ln() - (TOP - code as f64).ln())
+            .collect();
+        let mut bend = DMatrix::zeros(CODES - 2, CODES);
+        for code in 1..CODES - 1 {
+            let (before, after) = (u[code] - u[code - 1], u[code + 1] - u[code]);
+            let scale = 1.0 / (BEND * (0.5 * (before + after)).sqrt());
+            bend[(code - 1, code - 1)] = scale / before;
+            bend[(code - 1, code)] = -scale * (1.0 / before + 1.0 / after);
+            bend[(code - 1, code + 1)] = scale / after;
+        }
+        Self { rows, bend, start }
+    }
+
+    fn solve(&self) -> Fit {
+        let mut smoothness = self.bend.tr_mul(&self.bend);
+        smoothness[(ANCHOR, ANCHOR)] += FIXED;
+        let mut x = self.start.clone();
+        for round in 0..ROUNDS {
+            let mut normal = smoothness.clone();
+            let mut right = DVector::zeros(x.len());
+            right[ANCHOR] = FIXED * self.start[ANCHOR];
+            for row in &self.rows {
+                let residual = row.residual(&x);
+                // The first curve is only a guess: what is far from it may still be right.
+                let scale = if round == 0 {
+                    FIRST_OUTLIER
+                } else {
+                    OUTLIER_SIGMAS * row.sigma
+                };
+                let weight = row.sigma.powi(-2) / (1.0 + (residual / scale).powi(2));
+                for &(i, factor_i) in &row.terms {
+                    right[i] += weight * factor_i * row.log_ratio;
+                    for &(j, factor_j) in &row.terms {
+                        normal[(i, j)] += weight * factor_i * factor_j;
+                    }
+                }
+            }
+            let Some(cholesky) = normal.cholesky() else { break };
+            x = cholesky.solve(&right);
+            pool_adjacent_violators(x.as_mut_slice());
+        }
+        let misfit: f64 = self
+            .rows
+            .iter()
+            .map(|row| OUTLIER_SIGMAS.powi(2) * (row.residual(&x) / (OUTLIER_SIGMAS * row.sigma)).powi(2).ln_1p())
+            .sum();
+        Fit {
+            cost: misfit + (&self.bend * &x).norm_squared(),
+            log_signal: x.as_slice().to_vec(),
+        }
+    }
+}
+
+fn row(found: &Match, log_exposures: &[f64], start: &DVector<f64>) -> Row {
+    let [a, b] = found.pictures;
+    let mut terms = [(0, 0.0); 4];
+    let mut variance = 0.0;
+    for (side, (code, sign)) in found.codes.into_iter().zip([1.0, -1.0]).enumerate() {
+        let below = (code as usize).min(CODES - 2);
+        let part = code - below as f64;
+        terms[2 * side] = (below, sign * (1.0 - part));
+        terms[2 * side + 1] = (below + 1, sign * part);
+        // A patch is uncertain by about a code.
+        variance += (start[below + 1] - start[below]).powi(2);
+    }
+    Row {
+        terms,
+        log_ratio: log_exposures[a] - log_exposures[b],
+        sigma: (variance / found.patches + MODEL_ERROR.powi(2)).sqrt(),
+    }
+}
+
+/// Code above the floor; below two codes it falls off exponentially instead of reaching 0.
+fn above_floor(code: f64, floor: f64) -> f64 {
+    let above = code - floor;
+    if above >= 2.0 {
+        above
+    } else {
+        2.0 * (0.5 * (above - 2.0)).exp()
+    }
+}
+
+/// Makes values rise, changing them as little as possible (Ayer et al. 1955).
+fn pool_adjacent_violators(values: &mut [f64]) {
+    let mut blocks: Vec<(f64, usize)> = Vec::with_capacity(values.len());
+    for &value in values.iter() {
+        let mut block = (value, 1);
+        while let Some(&(mean, n)) = blocks.last()
+            && mean > block.0
+        {
+            block = (
+                (mean * n as f64 + block.0 * block.1 as f64) / (n + block.1) as f64,
+                n + block.1,
+            );
+            blocks.pop();
+        }
+        blocks.push(block);
+    }
+    let pooled = blocks.iter().flat_map(|&(mean, n)| std::iter::repeat_n(mean, n));
+    for (value, pooled) in values.iter_mut().zip(pooled) {
+        *value = pooled;
+    }
+}
+
+/// The curve of log signals: 1 at the top, 0 at code 0, and up to the floor where there is one to speak of.
+fn curve(log_signal: &[f64], floor: f64) -> ResponseCurve {
+    let top = log_signal[CODES - 1];
+    let black = if floor < MIN_ABOVE_FLOOR { 0.0 } else { floor };
+    let values: Vec<f64> = (0..CODES)
+        .map(|code| {
+            if code as f64 <= black {
+                0.0
+            } else {
+                (log_signal[code] - top).exp().clamp(0.0, 1.0)
+            }
+        })
+        .collect();
+    ResponseCurve::from_table(&values).expect("pooled values rise from 0 to 1")
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn pooling_keeps_what_rises_and_averages_what_falls() {
+        let mut values = [1.0, 3.0, 2.0, 1.0, 5.0];
+        pool_adjacent_violators(&mut values);
+        assert_eq!(values, [1.0, 2.0, 2.0, 2.0, 5.0]);
+    }
+
+    proptest! {
+        #[test]
+        fn pooled_values_rise_and_keep_their_sum(mut values in prop::collection::vec(-5.0f64..5.0, 1..40)) {
+            let sum: f64 = values.iter().sum();
+            pool_adjacent_violators(&mut values);
+            prop_assert!(values.windows(2).all(|pair| pair[0] <= pair[1]));
+            prop_assert!((values.iter().sum::<f64>() - sum).abs() < 1e-9);
+        }
+    }
+}

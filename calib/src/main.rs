@@ -1,4 +1,4 @@
-//! Looks at pictures and recordings with the eyes of the tracker.
+//! Looks at pictures and recordings with the eyes of the tracker and of the light probe.
 
 mod commands;
 
@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect};
+use commands::{CommandError, check, detect, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -27,6 +27,8 @@ enum Command {
     Detect(detect::Args),
     /// Locates the camera in every frame of a recording and prints how well that went.
     Check(check::Args),
+    /// Measures the light that a picture of the probe shows: map, confidence, lights.
+    Probe(probe::Args),
 }
 
 fn main() -> ExitCode {
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Detect(args) => detect::run(&args, &mut out),
         Command::Check(args) => check::run(&args, &mut out),
+        Command::Probe(args) => probe::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -2,6 +2,7 @@
 
 pub(crate) mod check;
 pub(crate) mod detect;
+pub(crate) mod probe;
 
 use std::{
     fs, io,
@@ -56,6 +57,8 @@ pub(crate) enum CommandError {
     },
     #[error("`{lost}` of `{frames}` frames have no pose")]
     Lost { lost: usize, frames: usize },
+    #[error(transparent)]
+    Probe(#[from] probe::ProbeError),
     #[error("cannot write the result")]
     Output(#[source] io::Error),
 }
@@ -65,12 +68,14 @@ impl CommandError {
     pub(crate) fn exit_code(&self) -> ExitCode {
         match self {
             Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
+            Self::Probe(error) if !error.is_bad_input() => ExitCode::FAILURE,
             Self::ReadRig { .. }
             | Self::Rig { .. }
             | Self::NoCamera { .. }
             | Self::ReadPicture { .. }
             | Self::Search { .. }
-            | Self::Recording { .. } => ExitCode::from(2),
+            | Self::Recording { .. }
+            | Self::Probe(_) => ExitCode::from(2),
         }
     }
 
@@ -86,6 +91,7 @@ impl CommandError {
             Self::Lost { .. } => {
                 Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
             }
+            Self::Probe(error) => Some(error.hint()),
             Self::Output(_) => None,
         }
     }
@@ -101,6 +107,16 @@ pub(crate) fn read_rig(file: &Path) -> Result<Rig, CommandError> {
         file: file.to_owned(),
         source: Box::new(source),
     })
+}
+
+/// The error for a camera that the rig lacks.
+pub(crate) fn no_camera(rig: &Rig, file: &Path, name: &str) -> CommandError {
+    let present: Vec<String> = rig.cameras.iter().map(|camera| format!("`{}`", camera.name)).collect();
+    CommandError::NoCamera {
+        file: file.to_owned(),
+        name: name.to_owned(),
+        present: present.join(", "),
+    }
 }
 
 /// The families that the rig's markers belong to.

@@ -74,7 +74,7 @@ fn save(file: &Path, rgb: &[u8], [width, height]: [u32; 2]) {
 }
 
 /// The rig of the tests with a fisheye camera, and what that sees.
-fn fisheye(folder: &Path) -> Vec<u8> {
+fn fisheye(folder: &Path) {
     fs::write(folder.join("rig.toml"), RIG).expect("a temporary folder can be written");
     let rig = support::rig();
     let camera = rig.probe_camera().expect("the fisheye camera");
@@ -84,7 +84,6 @@ fn fisheye(folder: &Path) -> Vec<u8> {
         .flat_map(|pixel| [code(camera, pixel, see).unwrap_or(0); 3])
         .collect();
     save(&folder.join("fisheye.png"), &rgb, camera.intrinsics.size_px);
-    rgb
 }
 
 /// A rig with one camera and a large ball, in a folder; its text.
@@ -223,96 +222,96 @@ fn a_ball_in_a_recording_is_measured_with_the_recorded_exposure() {
     }
 }
 
+/// A folder with the fisheye's rig and picture; runs the program on a picture there, expecting an error with a hint.
+struct Bad {
+    folder: tempfile::TempDir,
+}
+
+impl Bad {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        fisheye(folder.path());
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).display().to_string()
+    }
+
+    fn save(&self, name: &str, rgb: &[u8], size_px: [u32; 2]) {
+        save(&self.folder.path().join(name), rgb, size_px);
+    }
+
+    fn assert_refused(&self, picture: &str, options: &[&str], expected: &str) {
+        let (image, rig, out) = (self.path(picture), self.path("rig.toml"), self.path("out"));
+        let output = run(&[&["probe", &image, "--rig", &rig, "--out", &out], options].concat());
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{picture} {options:?}: {message}");
+        assert!(
+            message.contains(expected) && message.contains("\n  hint: "),
+            "{picture} {options:?}: {message}"
+        );
+        assert!(!Path::new(&out).exists(), "{picture} {options:?} left files");
+    }
+}
+
 #[test]
-fn bad_input_is_named_with_a_hint() {
-    let folder = tempfile::tempdir().unwrap();
-    let rgb = fisheye(folder.path());
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let (rig, image, out) = (path("rig.toml"), path("fisheye.png"), path("out"));
-    save(&folder.path().join("white.png"), &vec![255; rgb.len()], [640; 2]);
-    save(&folder.path().join("black.png"), &vec![1; rgb.len()], [640; 2]);
-    save(&folder.path().join("small.png"), &[9; 12], [2, 2]);
-    let scene = picture(
-        &support::rig(),
-        &looking_at(DVec3::ZERO, DVec3::new(0.0, -0.3, 0.4), 0.0),
-        2,
-    );
-    save(&folder.path().join("empty.png"), &vec![90; scene.len()], [640, 480]);
-    // The markers, from where the ball is out of the picture.
-    let away = looking_at(DVec3::new(-0.12, 0.0, 0.0), DVec3::new(-0.2, 0.0, 0.22), 0.0);
-    save(
-        &folder.path().join("away.png"),
-        &picture(&support::rig(), &away, 2),
-        [640, 480],
-    );
-    let exposed = |picture: &str| vec![path(picture), "--exposure-s".into(), "0.01".into()];
-    let with = |mut arguments: Vec<String>, more: &[&str]| {
-        arguments.extend(more.iter().map(ToString::to_string));
-        arguments
-    };
-    let cases = [
-        (vec![image.clone()], "the exposure of picture `"),
+fn bad_options_are_named_with_a_hint() {
+    let bad = Bad::new();
+    let image = bad.path("fisheye.png");
+    let exposed = ["--exposure-s", "0.01"];
+    for (options, expected) in [
+        (vec![], "the exposure of picture `"),
+        (vec!["--exposure-s", "0"], "is `0 s` (allowed: 1e-7 to 100 s)"),
+        (vec!["--exposure-s", "nan"], "is `NaN s` (allowed: 1e-7 to 100 s)"),
+        ([&exposed[..], &["--gain", "1e9"]].concat(), "the gain of picture `"),
         (
-            with(vec![image.clone()], &["--exposure-s", "0"]),
-            "is `0 s` (allowed: 1e-7 to 100 s)",
-        ),
-        (
-            with(vec![image.clone()], &["--exposure-s", "nan"]),
-            "is `NaN s` (allowed: 1e-7 to 100 s)",
-        ),
-        (
-            with(exposed("fisheye.png"), &["--gain", "1e9"]),
-            "the gain of picture `",
-        ),
-        (
-            with(exposed("fisheye.png"), &["--wb", "1,2"]),
+            [&exposed[..], &["--wb", "1,2"]].concat(),
             "is `1,2` (allowed: three numbers of 1e-3 to 1e3)",
         ),
         (
-            with(exposed("fisheye.png"), &["--camera", "left"]),
+            [&exposed[..], &["--camera", "left"]].concat(),
             "has no camera `left` (there are: `scene`, `probe`)",
         ),
         (
-            with(exposed("fisheye.png"), &["--room-distance-m", "0"]),
+            [&exposed[..], &["--room-distance-m", "0"]].concat(),
             "the room's distance is `0 m`",
         ),
-        (exposed("small.png"), "has `2×2` pixels, camera `probe` takes `640×640`"),
-        (exposed("none.png"), "cannot read picture `"),
-        (exposed("white.png"), "is clipped"),
-        (exposed("black.png"), "is black"),
-        (with(exposed("fisheye.png"), &[&image]), "`2` pictures were given"),
-        (
-            with(exposed("empty.png"), &["--camera", "scene"]),
-            "caused by: no marker in the picture",
-        ),
-        (
-            with(exposed("away.png"), &["--camera", "scene"]),
-            "does not show the probe: the ball",
-        ),
-    ];
-    for (arguments, expected) in cases {
-        let mut all: Vec<&str> = vec!["probe", "--rig", &rig, "--out", &out];
-        all.extend(arguments.iter().map(String::as_str));
-        let output = run(&all);
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
-        assert!(
-            message.contains(expected) && message.contains("\n  hint: "),
-            "{arguments:?}: {message}"
-        );
-        assert!(!Path::new(&out).exists(), "{arguments:?} left files");
+        ([&exposed[..], &[&image]].concat(), "`2` pictures were given"),
+    ] {
+        bad.assert_refused("fisheye.png", &options, expected);
     }
-    // A folder that cannot be made is no fault of the input.
-    let output = run(&[
-        "probe",
-        &image,
-        "--rig",
-        &rig,
-        "--exposure-s",
-        "0.01",
-        "--out",
-        &path("rig.toml/x"),
-    ]);
+}
+
+#[test]
+fn bad_pictures_are_named_with_a_hint() {
+    let bad = Bad::new();
+    bad.save("white.png", &[255; 3 * 640 * 640], [640; 2]);
+    bad.save("black.png", &[1; 3 * 640 * 640], [640; 2]);
+    bad.save("small.png", &[9; 12], [2, 2]);
+    bad.save("empty.png", &[90; 3 * 640 * 480], [640, 480]);
+    // The markers, from where the ball is out of the picture.
+    let away = looking_at(DVec3::new(-0.12, 0.0, 0.0), DVec3::new(-0.2, 0.0, 0.22), 0.0);
+    bad.save("away.png", &picture(&support::rig(), &away, 2), [640, 480]);
+    let exposed = ["--exposure-s", "0.01"];
+    for (picture, expected) in [
+        ("small.png", "has `2×2` pixels, camera `probe` takes `640×640`"),
+        ("none.png", "cannot read picture `"),
+        ("white.png", "is clipped"),
+        ("black.png", "is black"),
+    ] {
+        bad.assert_refused(picture, &exposed, expected);
+    }
+    let scene = [&exposed[..], &["--camera", "scene"]].concat();
+    bad.assert_refused("empty.png", &scene, "caused by: no marker in the picture");
+    bad.assert_refused("away.png", &scene, "does not show the probe: the ball");
+}
+
+#[test]
+fn a_folder_that_cannot_be_made_is_no_fault_of_the_input() {
+    let bad = Bad::new();
+    let (image, rig, out) = (bad.path("fisheye.png"), bad.path("rig.toml"), bad.path("rig.toml/x"));
+    let output = run(&["probe", &image, "--rig", &rig, "--exposure-s", "0.01", "--out", &out]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("cannot write `"));
 }

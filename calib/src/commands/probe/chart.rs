@@ -50,7 +50,7 @@ pub(super) fn draw(measured: &Measured, radiance: &Cube<Vec3>, figures: &Figures
     axes(&mut picture, known_top);
 
     let list_top = known_top + panel;
-    let head = "  # direction x     y      z height radius share% irradiance r     g        b";
+    let head = "  #  direction x      y      z  height radius   share %  irradiance r        g        b";
     text(&mut picture, head, (4, list_top), WHITE);
     for (number, light) in (1..).zip(figures.bright().take(LISTED)) {
         let top = list_top + line * number as i64;
@@ -61,7 +61,10 @@ pub(super) fn draw(measured: &Measured, radiance: &Cube<Vec3>, figures: &Figures
             light_ink(number),
         );
     }
-    let rest = format!("dome {:.1} %", 100.0 * figures.dome_share());
+    let rest = format!(
+        "dome {:.1} %; degrees; > is clipped: at least so much",
+        100.0 * figures.dome_share()
+    );
     text(
         &mut picture,
         &rest,
@@ -147,12 +150,14 @@ fn mark(picture: &mut RgbImage, top: i64, number: usize, found: &FoundLight) {
     }
     let (x, y) = at(light.direction);
     let name = number.to_string();
-    let beside = (radius_rad / PI * PANEL_PX[1] as f32) as i64 + 4;
-    let is_right = x + beside + name.len() as i64 * i64::from(LETTER_PX) < i64::from(PANEL_PX[0]);
-    let left = if is_right {
-        x + beside
+    let name_px = name.len() as i64 * i64::from(LETTER_PX);
+    let radius_px = (radius_rad / PI * PANEL_PX[1] as f32) as i64;
+    let left = if radius_px > i64::from(LINE_PX) / 2 {
+        x - name_px / 2
+    } else if x + radius_px + 4 + name_px < i64::from(PANEL_PX[0]) {
+        x + radius_px + 4
     } else {
-        x - beside - name.len() as i64 * i64::from(LETTER_PX)
+        x - radius_px - 4 - name_px
     };
     text(picture, &name, (left, y - i64::from(LINE_PX) / 2), ink);
 }
@@ -173,17 +178,17 @@ fn light_ink(number: usize) -> Ink {
 fn list_line(number: usize, found: &FoundLight, total: f32) -> String {
     let (d, e) = (found.light.direction, found.light.irradiance);
     format!(
-        "{number:>3} {:>11.3}{:>7.3}{:>7.3} {:>6.1} {:>6.2} {:>6.2} {:>12.4}{:>9.4}{:>9.4} {}",
+        "{number:>3} {:>12.3} {:>6.3} {:>6.3} {:>7.1} {:>6.2} {} {:>7.2} {:>13.4} {:>8.4} {:>8.4}",
         d.x,
         d.y,
         d.z,
         height_deg(d),
         found.light.angular_radius_rad.to_degrees(),
+        if found.is_clipped { ">" } else { " " },
         100.0 * found.power() / total.max(f32::MIN_POSITIVE),
         e.x,
         e.y,
         e.z,
-        if found.is_clipped { "clipped" } else { "" },
     )
 }
 

@@ -108,6 +108,9 @@ pub(super) fn text(pictures: &[Taken<'_>], measured: &Measured, figures: &Figure
     if let Some(error) = measured.reprojection_error_px {
         let _ = writeln!(text, "camera located by markers, reprojection error {error:.3} px");
     }
+    if figures.clipped.iter().any(|share| *share > 0.0) {
+        text += "what is clipped counts as bright as it looks: lights may be missing, a shorter exposure shows them\n";
+    }
     let n_bright = figures.bright().count();
     let _ = writeln!(
         text,

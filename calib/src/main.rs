@@ -1,4 +1,4 @@
-//! Looks at pictures and recordings with the eyes of the tracker.
+//! Looks at pictures and recordings with the eyes of the tracker and of the light probe.
 
 mod commands;
 
@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, merge};
+use commands::{CommandError, check, detect, merge, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -29,6 +29,8 @@ enum Command {
     Check(check::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
+    /// Measures the light that a picture of the probe shows: map, confidence, lights.
+    Probe(probe::Args),
 }
 
 fn main() -> ExitCode {
@@ -42,6 +44,7 @@ fn main() -> ExitCode {
         Command::Detect(args) => detect::run(&args, &mut out),
         Command::Check(args) => check::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
+        Command::Probe(args) => probe::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -16,7 +16,7 @@ use mirrorball_calib::{
 };
 use serde::Serialize;
 
-use super::{CommandError, families, read_rig};
+use super::{CommandError, families, no_camera, read_rig};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -45,19 +45,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let (taker, families) = match (&args.rig, &args.camera) {
         (Some(file), Some(name)) => {
             let rig = read_rig(file)?;
-            let Some(camera) = rig.camera(name) else {
-                let present = rig
-                    .cameras
-                    .iter()
-                    .map(|camera| format!("`{}`", camera.name))
-                    .collect::<Vec<_>>()
-                    .join(", ");
-                return Err(CommandError::NoCamera {
-                    file: file.clone(),
-                    name: name.clone(),
-                    present,
-                });
-            };
+            let camera = rig.camera(name).ok_or_else(|| no_camera(&rig, file, name))?;
             (Taker::Known(Box::new(camera.clone())), families(&rig))
         }
         (None, _) | (_, None) => (Taker::Plain, Family::ALL.to_vec()),

@@ -3,6 +3,7 @@
 pub(crate) mod check;
 pub(crate) mod detect;
 pub(crate) mod merge;
+pub(crate) mod probe;
 
 use std::{
     fs, io,
@@ -59,6 +60,7 @@ pub(crate) enum CommandError {
     Lost { lost: usize, frames: usize },
     #[error(transparent)]
     Merge(#[from] merge::MergeError),
+    Probe(#[from] probe::ProbeError),
     #[error("cannot write the result")]
     Output(#[source] io::Error),
 }
@@ -68,7 +70,8 @@ impl CommandError {
     pub(crate) fn exit_code(&self) -> ExitCode {
         match self {
             Self::Merge(error) if error.is_bad_input() => ExitCode::from(2),
-            Self::Merge(_) | Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
+            Self::Probe(error) if error.is_bad_input() => ExitCode::from(2),
+            Self::Merge(_) | Self::Probe(_) | Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
             Self::ReadRig { .. }
             | Self::Rig { .. }
             | Self::NoCamera { .. }
@@ -91,6 +94,7 @@ impl CommandError {
                 Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
             }
             Self::Merge(error) => error.hint(),
+            Self::Probe(error) => Some(error.hint()),
             Self::Output(_) => None,
         }
     }
@@ -106,6 +110,16 @@ pub(crate) fn read_rig(file: &Path) -> Result<Rig, CommandError> {
         file: file.to_owned(),
         source: Box::new(source),
     })
+}
+
+/// The error for a camera that the rig lacks.
+pub(crate) fn no_camera(rig: &Rig, file: &Path, name: &str) -> CommandError {
+    let present: Vec<String> = rig.cameras.iter().map(|camera| format!("`{}`", camera.name)).collect();
+    CommandError::NoCamera {
+        file: file.to_owned(),
+        name: name.to_owned(),
+        present: present.join(", "),
+    }
 }
 
 /// The families that the rig's markers belong to.

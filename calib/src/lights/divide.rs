@@ -21,7 +21,7 @@ pub(super) struct Region {
 
 impl Region {
     pub(super) fn new(rays: Vec<Ray>) -> Self {
-        let power: f32 = rays.iter().map(|r| r.power()).sum();
+        let power: f32 = rays.iter().map(Ray::power).sum();
         let mean = rays
             .iter()
             .map(|r| r.direction * r.power())

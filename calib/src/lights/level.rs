@@ -3,10 +3,16 @@
 use super::{Map, counted};
 use crate::probe::radiance::luminance;
 
-/// A texel this many times as bright as the median is all dome, ...
+/// Up to this many times the median a texel is all dome, ...
 const DIM_RATIO: f32 = 4.0;
-/// ... and this many times as bright, all light; between them the share rises smoothly, so that noise does not switch.
+/// ... and from this many times on, all light; between them the share rises smoothly, so that noise does not switch.
 const BRIGHT_RATIO: f32 = 8.0;
+/// Where lamps are clipped nothing is that bright: then these shares of the maximum count, ...
+const DIM_OF_MAX: f32 = 0.5;
+const BRIGHT_OF_MAX: f32 = 0.75;
+/// ... but what is hardly brighter than the median never is a lamp.
+const MIN_DIM_RATIO: f32 = 1.5;
+const MIN_BRIGHT_RATIO: f32 = 2.0;
 /// The median counts as at least this share of the mean: half of a map may be black.
 const MIN_OF_MEAN: f32 = 1.0 / 16.0;
 
@@ -35,10 +41,10 @@ impl LevelMeter {
         }
     }
 
-    /// The level of a map: by the median luminance over the open solid angle, which no lamp moves.
+    /// The level of a map: by the median luminance over the open solid angle, which no lamp moves, and the maximum.
     pub(super) fn level(&mut self, map: &Map<'_>) -> BrightLevel {
         self.area_sr.fill(0.0);
-        let (mut power, mut total_sr) = (0.0, 0.0);
+        let (mut power, mut total_sr, mut max) = (0.0, 0.0, 0.0f32);
         for index in map.directions.open() {
             let luminance = luminance(counted(map.radiance.texels()[index]));
             let area_sr = map.directions.solid_angle_sr[index];
@@ -46,12 +52,13 @@ impl LevelMeter {
             self.area_sr[(luminance.to_bits() >> SHIFT) as usize] += area_sr;
             power += luminance * area_sr;
             total_sr += area_sr;
+            max = max.max(luminance);
         }
         let mean = power / total_sr.max(f32::MIN_POSITIVE);
         let median = self.median(0.5 * total_sr).max(MIN_OF_MEAN * mean);
         BrightLevel {
-            dim: DIM_RATIO * median,
-            bright: BRIGHT_RATIO * median,
+            dim: (DIM_OF_MAX * max).clamp(MIN_DIM_RATIO * median, DIM_RATIO * median),
+            bright: (BRIGHT_OF_MAX * max).clamp(MIN_BRIGHT_RATIO * median, BRIGHT_RATIO * median),
         }
     }
 

@@ -15,6 +15,8 @@ use crate::probe::radiance::luminance;
 const REDUCTION: u32 = 4;
 /// What is this many times as bright as the mean over the open directions is a lamp.
 const THRESHOLD: f32 = 3.0;
+/// Where lamps are clipped nothing is that bright: then this share of the maximum is the threshold.
+const THRESHOLD_OF_MAX: f32 = 0.75;
 /// Label of what is no lamp.
 const NONE: u16 = u16::MAX;
 
@@ -121,7 +123,9 @@ impl Regions {
 
 impl Extract for Regions {
     fn extract(&mut self, map: &Map<'_>, lights: &mut Vec<KeyLight>) {
-        let threshold = THRESHOLD * self.reduce(map);
+        let mean = self.reduce(map);
+        let max = self.reduced.texels().iter().copied().fold(0.0, f32::max);
+        let threshold = (THRESHOLD * mean).min(THRESHOLD_OF_MAX * max);
         let n_regions = if self.max_regions > 0 {
             self.label(threshold)
         } else {

@@ -75,6 +75,17 @@ impl Player {
         self.entries.len()
     }
 
+    /// What the frame list says of the picture at `file`; `None` when it is not in the list. Both are compared as they are
+    /// written: give an absolute path if the recording was opened by one.
+    #[must_use]
+    pub fn meta_of(&self, file: &Path) -> Option<&FrameMeta> {
+        let file = file.strip_prefix(&self.folder).ok()?;
+        self.entries
+            .iter()
+            .find(|entry| entry.file == file)
+            .map(|entry| &entry.meta)
+    }
+
     /// What is known about the frames of one round, in the order of the frame list.
     pub(super) fn metas(&self) -> impl Iterator<Item = &FrameMeta> {
         self.entries.iter().map(|entry| &entry.meta)

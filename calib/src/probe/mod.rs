@@ -9,6 +9,7 @@ pub mod equirectangular;
 pub mod fill;
 pub mod mapping;
 pub mod mirror_ball;
+pub mod outline;
 pub mod radiance;
 pub mod radiance_map;
 pub mod sh;

@@ -39,6 +39,12 @@ impl<'a> Picture<'a> {
         }
     }
 
+    /// Signal of the camera's channels per unit of radiance in the middle of the picture; 1 is full scale.
+    #[must_use]
+    pub fn signal_per_radiance(&self) -> Vec3 {
+        self.signal_per_radiance
+    }
+
     /// Radiance at `pixel` (centres at integers), bilinear in linear light; `None` outside the outermost pixel centres.
     #[must_use]
     pub fn sample(&self, pixel: DVec2) -> Option<Sample> {

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use crate::error::RenderError;
 use crate::node::{MeasuredFrame, RenderNode, check_size};
 use crate::passes::radiance_map::{CubePlace, gpu_probe};
+use crate::probe::Sighting;
 use crate::probe::fusion::ViewNoise;
 use crate::probe::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
@@ -88,30 +89,35 @@ impl RenderNode {
         self.passes
             .radiance_map
             .write_distances(&self.gpu, self.probe.assumed_m());
-        let mut views: Vec<(Vec<Vec4>, ViewNoise)> = Vec::with_capacity(looking.len());
+        let mut views: Vec<(&Looking<'_>, Vec<Vec4>, ViewNoise)> = Vec::with_capacity(looking.len());
         for view in looking {
             let texels = self.look(view)?;
             let noise = noise_of(&self.rig.cameras[view.camera], view.frame, &view.optics);
             match blindness(&texels, &noise) {
-                None => views.push((texels, noise)),
+                None => views.push((view, texels, noise)),
                 Some(blind) => self.blind = Some((self.rig.cameras[view.camera].name.clone(), blind)),
             }
         }
         if views.is_empty() {
             return Ok(false);
         }
+        let cameras = &self.rig.cameras;
+        let sightings: Vec<Sighting<'_>> = views
+            .iter()
+            .map(|(view, texels, noise)| Sighting {
+                texels,
+                noise,
+                view: view_of(&cameras[view.camera], view.frame, view.camera_from_world),
+                optics: &view.optics,
+            })
+            .collect();
         let scene_camera = self.rig.scene_camera();
         let scene = pose.map(|pose| {
-            let view = View {
-                picture: Picture::new(frame, scene_camera),
-                camera: scene_camera,
-                camera_from_world: *pose,
-            };
-            (view, noise_of_picture(scene_camera, frame, Vec3::ONE))
+            let noise = noise_of_picture(scene_camera, frame, Vec3::ONE);
+            (view_of(scene_camera, frame, *pose), noise)
         });
-        let views: Vec<(&[Vec4], &ViewNoise)> = views.iter().map(|(texels, noise)| (&texels[..], noise)).collect();
         let scene = scene.as_ref().map(|(view, noise)| (view, noise));
-        self.light = Some(self.probe.update(&views, scene, &self.occluders));
+        self.light = Some(self.probe.update(&sightings, scene, &self.occluders));
         Ok(true)
     }
 
@@ -197,6 +203,14 @@ impl RenderNode {
             leave_out_hidden(&mut texels, ball, (camera_m, place), &self.occluders);
         }
         Ok(texels)
+    }
+}
+
+fn view_of<'a>(camera: &'a Camera, frame: &'a Frame, camera_from_world: Pose) -> View<'a> {
+    View {
+        picture: Picture::new(frame, camera),
+        camera,
+        camera_from_world,
     }
 }
 

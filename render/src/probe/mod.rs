@@ -2,6 +2,7 @@
 //! could not count put back.
 
 pub mod clipped;
+mod compact;
 pub mod fusion;
 pub mod meter;
 mod strong_lights;
@@ -10,17 +11,31 @@ pub mod surroundings;
 use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::lights::{KeyLight, LightCounts, LightTracker};
 use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::mapping::{LightSphere, ProbeMap};
 use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
 use mirrorball_calib::rig::Rig;
 
 use crate::config::{ProbeConfig, RenderConfig};
 use crate::scene::occluders::Occluders;
-use clipped::strong_regions;
+use clipped::{StrongRegion, strong_regions};
 use fusion::{Fusion, ViewNoise};
 use meter::{KnownLight, LightMeter, MAX_REGIONS, MeterFit};
 use strong_lights::StrongLights;
 use surroundings::NOTHING_M;
+
+/// What one camera shows of the light.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighting<'a> {
+    /// Texels of the cube as [`Seen::pack`] packs them.
+    pub texels: &'a [Vec4],
+    /// How their radiance is uncertain.
+    pub noise: &'a ViewNoise,
+    /// The picture.
+    pub view: View<'a>,
+    /// What it shows the light by.
+    pub optics: &'a ProbeOptics,
+}
 
 /// Light at the probe's place.
 #[derive(Debug, Clone, PartialEq)]
@@ -132,23 +147,28 @@ impl LightProbe {
         self.config.room_distance_m
     }
 
-    /// Takes in what views of one moment show (texels as [`Seen::pack`] packs them, with their noise) and gives the light.
+    /// Takes in what views of one moment show and gives the light.
     ///
     /// `scene` is the scene camera's picture with its noise; without it (no pose) nothing is read off surfaces.
     pub fn update(
         &mut self,
-        views: &[(&[Vec4], &ViewNoise)],
+        sightings: &[Sighting<'_>],
         scene: Option<(&View<'_>, &ViewNoise)>,
         occluders: &Occluders,
     ) -> Light {
-        self.fusion.take(views);
+        let views: Vec<(&[Vec4], &ViewNoise)> = sightings.iter().map(|s| (s.texels, s.noise)).collect();
+        self.fusion.take(&views);
         if let Some((view, noise)) = scene {
             self.look_from_camera(view, noise, occluders);
         }
         self.n_updates += 1;
         let (mut far, mut radiance) = self.filled();
-        let regions = strong_regions(&self.fusion.clipped(), &self.near_m, &far);
-        let regions = &regions[..regions.len().min(MAX_REGIONS)];
+        let mut regions = strong_regions(&self.fusion.clipped(), &self.near_m, &far);
+        regions.truncate(MAX_REGIONS);
+        for region in &mut regions {
+            self.sharpen(region, sightings, &far);
+        }
+        let regions = &regions[..];
         let readings = scene.map_or_else(Vec::new, |(view, _)| self.meter.read(view, occluders));
         let room_m = self.config.room_distance_m;
         let known = KnownLight {
@@ -199,6 +219,43 @@ impl LightProbe {
         }
     }
 
+    /// Puts a small clipped lamp where the picture that shows it best says that it is.
+    fn sharpen(&self, region: &mut StrongRegion, sightings: &[Sighting<'_>], far: &Cube<Vec3>) {
+        let Some(direction) = region
+            .core
+            .iter()
+            .map(|&i| far.direction(i))
+            .sum::<Vec3>()
+            .try_normalize()
+        else {
+            return;
+        };
+        let index = far.index_of(direction);
+        let quality = |s: &&Sighting<'_>| Seen::unpack(s.texels[index]).map_or(0.0, |seen| seen.quality);
+        let Some(best) = sightings.iter().max_by(|a, b| quality(a).total_cmp(&quality(b))) else {
+            return;
+        };
+        let map = ProbeMap {
+            intrinsics: &best.view.camera.intrinsics,
+            camera_from_world: best.view.camera_from_world,
+            optics: best.optics,
+        };
+        let sphere = LightSphere {
+            origin_m: self.optics.position_m().as_dvec3(),
+            distance_m: f64::from(self.assumed_m.texels()[index]),
+        };
+        if let Some(lamp) = compact::locate(&best.view, &map, direction.as_dvec3(), &sphere) {
+            region.core = compact::texels_of(&lamp, far);
+            let added: Vec<usize> = region
+                .core
+                .iter()
+                .copied()
+                .filter(|i| !region.texels.contains(i))
+                .collect();
+            region.texels.extend(added);
+        }
+    }
+
     /// Takes the strong lights to be where they were found now, and around there, as they may move.
     fn assume(&mut self, meter: &MeterFit) {
         /// Angle around a light in which its distance is assumed, radians.
@@ -225,11 +282,9 @@ impl LightProbe {
         }
         let is_first = self.n_updates == 1;
         self.knows_better = is_first
-            && meter
-                .lights
-                .iter()
-                .zip(before)
-                .any(|(light, before)| light.distance_sigma.is_finite() && (light.distance_m / before).ln().abs() > WORTH_A_LOOK);
+            && meter.lights.iter().zip(before).any(|(light, before)| {
+                light.distance_sigma.is_finite() && (light.distance_m / before).ln().abs() > WORTH_A_LOOK
+            });
     }
 
     /// Fills in what the probe does not see but the scene camera does: phantoms, a quarter of them per picture after the

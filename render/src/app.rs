@@ -249,7 +249,7 @@ impl App {
     fn finish(&mut self, frame: RenderedFrame) -> Result<RenderedFrame, RenderError> {
         self.counts.rendered += 1;
         self.counts.without_pose += u64::from(frame.pose.camera_from_world().is_none());
-        self.counts.without_light += u64::from(!frame.is_lit);
+        self.counts.without_light += u64::from(frame.light.is_none());
         for sink in &mut self.sinks {
             sink.take(&frame, &self.node)?;
         }

@@ -43,6 +43,8 @@ pub struct ProbeConfig {
     pub average_frames: u32,
     /// Relative change of a texel's luminance that counts as new light, above 0.
     pub change_ratio: f32,
+    /// Whether the ball's outline in the pictures corrects its place.
+    pub outline: Outline,
 }
 
 /// How directions become places in the probe's picture, by name.
@@ -54,6 +56,16 @@ pub enum MappingName {
     Exact,
     /// [`Mapping::Simple`], with the key `wrap`.
     Simple,
+}
+
+/// What the ball's outline is used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outline {
+    /// It corrects the ball's place.
+    Corrects,
+    /// Nothing: the rig file is exact.
+    Ignored,
 }
 
 impl ProbeConfig {
@@ -89,6 +101,7 @@ impl Default for ProbeConfig {
             wrap: 1.0,
             average_frames: 8,
             change_ratio: 0.08,
+            outline: Outline::Corrects,
         }
     }
 }

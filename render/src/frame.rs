@@ -74,7 +74,7 @@ impl RenderNode {
             sequence: frame.meta.sequence,
             timestamp_ns: frame.meta.timestamp_ns,
             pose,
-            is_lit: self.light.is_some(),
+            light: self.light_report(),
             size_px: self.rig.scene_camera().intrinsics.size_px,
             rgba,
             stages_ms,

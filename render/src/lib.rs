@@ -21,6 +21,7 @@
 //! replayed twice gives the same poses bit for bit.
 
 pub mod app;
+pub mod ball_place;
 pub mod config;
 pub mod environments;
 pub mod error;

@@ -12,6 +12,7 @@ use mirrorball_calib::rig::{Camera, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
 use rayon::prelude::*;
 
+use crate::config::Outline;
 use crate::error::RenderError;
 use crate::node::{MeasuredFrame, RenderNode, check_size};
 use crate::passes::radiance_map::{CubePlace, gpu_probe};
@@ -54,6 +55,7 @@ impl RenderNode {
         frame: &Frame,
         pose: Option<&Pose>,
     ) -> Result<(), RenderError> {
+        self.find_ball(set, frame, pose)?;
         let looking: Vec<Looking<'_>> = self
             .looking(set, frame, pose)?
             .into_iter()
@@ -128,12 +130,9 @@ impl RenderNode {
         scene_frame: &'a Frame,
         pose: Option<&Pose>,
     ) -> Result<Vec<Looking<'a>>, RenderError> {
-        let ball = self.rig.ball.as_ref().map(|ball| ProbeOptics::MirrorBall {
-            ball: MirrorBall {
-                center_m: ball.center_m,
-                radius_m: ball.radius_m,
-            },
-            reflectance: Vec3::from_array(ball.reflectance.map(|r| r as f32)),
+        let ball = self.ball_place.as_ref().map(|place| ProbeOptics::MirrorBall {
+            ball: place.ball(),
+            reflectance: place.reflectance(),
         });
         let mut looking = Vec::new();
         for (index, camera) in self.rig.cameras.iter().enumerate() {
@@ -158,6 +157,26 @@ impl RenderNode {
             }
         }
         Ok(looking)
+    }
+
+    /// Lets the ball's outline in every new picture correct its place.
+    fn find_ball(&mut self, set: &FrameSet, frame: &Frame, pose: Option<&Pose>) -> Result<(), RenderError> {
+        if self.config.probe.outline == Outline::Ignored {
+            return Ok(());
+        }
+        let is_ball = |view: &Looking<'_>| matches!(view.optics, ProbeOptics::MirrorBall { .. });
+        let views: Vec<Looking<'_>> = self
+            .looking(set, frame, pose)?
+            .into_iter()
+            .filter(|view| is_ball(view) && self.is_new(view, pose.is_some()))
+            .collect();
+        let Some(place) = &mut self.ball_place else { return Ok(()) };
+        for view in views {
+            let camera = &self.rig.cameras[view.camera];
+            let seen = place.see(&view_of(camera, view.frame, view.camera_from_world));
+            tracing::trace!(camera = camera.name, ?seen, "outline of the ball");
+        }
+        Ok(())
     }
 
     /// Whether a picture was not taken in yet, or only now surfaces can be read beside it.

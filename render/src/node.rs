@@ -5,6 +5,7 @@ use mirrorball_calib::camera::LensModel;
 use mirrorball_calib::rig::{Camera, Rig, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
 
+use crate::ball_place::BallPlace;
 use crate::config::RenderConfig;
 use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
@@ -22,12 +23,15 @@ use crate::passes::radiance_map::RadianceMap;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
 use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
+use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
 use crate::scene::{Kind, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::tracker::{TrackedPose, Tracker};
 use mirrorball_calib::probe::ProbeOptics;
+use mirrorball_calib::probe::mirror_ball::MirrorBall;
+use mirrorball_calib::probe::radiance::luminance;
 
 /// A finished frame.
 #[derive(Debug, Clone)]
@@ -38,8 +42,8 @@ pub struct RenderedFrame {
     pub timestamp_ns: u64,
     /// Where the scene camera was.
     pub pose: TrackedPose,
-    /// Whether the light was known; without it the picture is the camera's own.
-    pub is_lit: bool,
+    /// The light it was rendered with; `None` before any was measured: the picture is the camera's own then.
+    pub light: Option<LightReport>,
     /// Columns and rows.
     pub size_px: [u32; 2],
     /// The picture, 8-bit RGBA, rows from the top, encoded as the camera encodes.
@@ -57,6 +61,38 @@ pub enum Work {
     LightOnly,
 }
 
+/// What is known about the light of a frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LightReport {
+    /// Frames since the light was last measured; 0 for this very frame.
+    pub age_frames: u64,
+    /// The camera that showed nothing of the light when it was last looked at, and why.
+    pub blind: Option<(String, BlindView)>,
+    /// Readings off papers and off patches of phantoms.
+    pub readings: [usize; 2],
+    /// Median relative difference between the papers' readings and what explains them.
+    pub residual: f32,
+    /// Distance in metres that the ball's outline moved the ball by; `None` without a ball.
+    pub ball_shift_m: Option<f64>,
+    /// The strong lights.
+    pub strong: Vec<StrongReport>,
+}
+
+/// A strong light: a lamp, a window, a bright ceiling.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StrongReport {
+    /// Unit direction from the probe, weighted by radiance, world frame.
+    pub direction: Vec3,
+    /// Distance from the probe, metres.
+    pub distance_m: f32,
+    /// Standard deviation of the distance's logarithm; infinite where nothing tells it.
+    pub distance_sigma: f32,
+    /// Irradiance that it gives a surface at the probe that faces it, linear RGB.
+    pub irradiance: Vec3,
+    /// Solid angle, steradians.
+    pub area_sr: f32,
+}
+
 /// The render node.
 #[derive(Debug)]
 pub struct RenderNode {
@@ -70,6 +106,8 @@ pub struct RenderNode {
     pub(crate) light: Option<Light>,
     /// Per camera of the rig, the last frame that was taken into the light.
     pub(crate) measured: Vec<Option<MeasuredFrame>>,
+    /// The mirror ball, if the rig has one.
+    pub(crate) ball_place: Option<BallPlace>,
     /// Frames since the light was last measured.
     pub(crate) light_age: u64,
     /// The camera that last showed nothing of the light, and why.
@@ -162,6 +200,13 @@ impl RenderNode {
             timer: Timer::new(&gpu),
             light: None,
             measured: vec![None; rig.cameras.len()],
+            ball_place: rig.ball.as_ref().map(|ball| {
+                let sphere = MirrorBall {
+                    center_m: ball.center_m,
+                    radius_m: ball.radius_m,
+                };
+                BallPlace::new(&sphere, Vec3::from_array(ball.reflectance.map(|r| r as f32)))
+            }),
             light_age: 0,
             blind: None,
             gpu,
@@ -202,6 +247,20 @@ impl RenderNode {
         self.light.as_ref()
     }
 
+    /// What is known about the light now; `None` before any was measured.
+    #[must_use]
+    pub fn light_report(&self) -> Option<LightReport> {
+        let light = self.light.as_ref()?;
+        Some(LightReport {
+            age_frames: self.light_age,
+            blind: self.blind.clone(),
+            readings: [light.meter.papers, light.meter.patches],
+            residual: light.meter.residual,
+            ball_shift_m: self.ball_place.as_ref().map(|place| place.shift_m().length()),
+            strong: light.meter.lights.iter().map(|of| strong_report(light, of)).collect(),
+        })
+    }
+
     /// The light at each virtual object as the renderer uses it there: name and radiance cube.
     ///
     /// # Errors
@@ -218,6 +277,24 @@ impl RenderNode {
         })?;
         check_size(frame, camera)?;
         Ok(frame)
+    }
+}
+
+fn strong_report(light: &Light, of: &StrongLight) -> StrongReport {
+    let (mut direction, mut irradiance, mut area_sr) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+    for &texel in &of.texels {
+        let texel_sr = light.far.solid_angle(texel);
+        let radiance = light.far.texels()[texel];
+        direction += light.far.direction(texel) * luminance(radiance) * texel_sr;
+        irradiance += radiance * texel_sr;
+        area_sr += texel_sr;
+    }
+    StrongReport {
+        direction: direction.normalize_or(Vec3::Z),
+        distance_m: of.distance_m,
+        distance_sigma: of.distance_sigma,
+        irradiance,
+        area_sr,
     }
 }
 

@@ -9,7 +9,8 @@ use serde_json::{Map, Value};
 
 use super::{Sink, environment};
 use crate::error::RenderError;
-use crate::node::{RenderNode, RenderedFrame, Work};
+use crate::measure::BlindView;
+use crate::node::{LightReport, RenderNode, RenderedFrame, StrongReport, Work};
 use crate::tracker::TrackedPose;
 
 /// Whether the measured light is written as well.
@@ -40,7 +41,66 @@ struct FrameLine<'a> {
     reason: Option<&'a str>,
     reprojection_error_px: Option<f64>,
     markers: usize,
+    light: Option<LightLine>,
     stages_ms: Map<String, Value>,
+}
+
+/// What a line says about the light.
+#[derive(Debug, Serialize)]
+struct LightLine {
+    age_frames: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blind: Option<String>,
+    papers: usize,
+    patches: usize,
+    residual: f64,
+    ball_shift_mm: Option<f64>,
+    strong: Vec<StrongLine>,
+}
+
+/// One strong light.
+#[derive(Debug, Serialize)]
+struct StrongLine {
+    direction: [f64; 3],
+    distance_m: f64,
+    /// Null where nothing tells the distance.
+    distance_sigma: Option<f64>,
+    irradiance: [f64; 3],
+    angular_radius_deg: f64,
+}
+
+impl LightLine {
+    fn new(report: &LightReport) -> Self {
+        let blind = |(camera, blind): &(String, BlindView)| format!("camera `{camera}`: {blind}");
+        Self {
+            age_frames: report.age_frames,
+            blind: report.blind.as_ref().map(blind),
+            papers: report.readings[0],
+            patches: report.readings[1],
+            residual: rounded(report.residual),
+            ball_shift_mm: report.ball_shift_m.map(|shift_m| rounded((1e3 * shift_m) as f32)),
+            strong: report.strong.iter().map(StrongLine::new).collect(),
+        }
+    }
+}
+
+impl StrongLine {
+    fn new(light: &StrongReport) -> Self {
+        // Half angle of the cone with this solid angle.
+        let half_angle = (1.0 - light.area_sr / (2.0 * std::f32::consts::PI)).clamp(-1.0, 1.0).acos();
+        Self {
+            direction: light.direction.to_array().map(rounded),
+            distance_m: rounded(light.distance_m),
+            distance_sigma: light.distance_sigma.is_finite().then(|| rounded(light.distance_sigma)),
+            irradiance: light.irradiance.to_array().map(rounded),
+            angular_radius_deg: rounded(half_angle.to_degrees()),
+        }
+    }
+}
+
+/// A number with the five digits that mean something.
+fn rounded(value: f32) -> f64 {
+    (f64::from(value) * 1e5).round() / 1e5
 }
 
 impl FolderSink {
@@ -130,6 +190,7 @@ fn line_of(frame: &RenderedFrame) -> FrameLine<'_> {
         reason,
         reprojection_error_px,
         markers,
+        light: frame.light.as_ref().map(LightLine::new),
         stages_ms,
     }
 }

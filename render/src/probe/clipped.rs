@@ -83,6 +83,23 @@ pub fn strong_regions(clipped: &Cube<u8>, near_m: &Cube<f32>, far: &Cube<Vec3>) 
     regions
 }
 
+/// Leaves every texel to the first region that has it; regions that have none left are taken out.
+///
+/// Where a lamp falls apart into several regions, at the edge of what is seen, each of them is found to be the whole lamp.
+pub(super) fn divide_shared(regions: &mut Vec<StrongRegion>) {
+    let mut taken = HashSet::new();
+    for region in &mut *regions {
+        let has_core = !region.core.is_empty();
+        region.texels.retain(|&texel| taken.insert(texel));
+        let own: HashSet<usize> = region.texels.iter().copied().collect();
+        region.core.retain(|texel| own.contains(texel));
+        if has_core && region.core.is_empty() {
+            region.texels.clear();
+        }
+    }
+    regions.retain(|region| !region.texels.is_empty());
+}
+
 /// Sets of texels that are `wanted` and hang together by their edges.
 fn connected(cube: &Cube<Vec3>, wanted: &dyn Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let mut visited = vec![false; cube.texels().len()];
@@ -186,6 +203,19 @@ pub(super) fn grown<T: Copy>(cube: &Cube<T>, region: &[usize], steps: usize) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_two_regions_share_belongs_to_the_first() {
+        let region = |texels: &[usize]| StrongRegion {
+            texels: texels.to_vec(),
+            core: texels.to_vec(),
+            channels: [true; 3],
+            price: Price::NONE,
+        };
+        let mut regions = vec![region(&[1, 2, 3]), region(&[3, 4]), region(&[2, 3])];
+        divide_shared(&mut regions);
+        assert_eq!(regions, [region(&[1, 2, 3]), region(&[4])]);
+    }
 
     #[test]
     fn regions_join_across_edges_of_the_cube() {

@@ -168,8 +168,8 @@ impl LightProbe {
         for region in &mut regions {
             self.sharpen(region, sightings, &far);
         }
+        clipped::divide_shared(&mut regions);
         let regions = &regions[..];
-        let readings = scene.map_or_else(Vec::new, |(view, _)| self.meter.read(view, occluders));
         let room_m = self.config.room_distance_m;
         let known = KnownLight {
             probe_m: self.optics.position_m(),
@@ -177,6 +177,8 @@ impl LightProbe {
             radiance: &radiance,
             room_m,
         };
+        self.meter.focus_on(regions, known, occluders);
+        let readings = scene.map_or_else(Vec::new, |(view, _)| self.meter.read(view, occluders));
         let question = self.meter.question(&readings, known, regions, occluders);
         let mut distances_m = question.distances_m(room_m, &self.strong.expected_m(regions, &far));
         if question.can_tell() {

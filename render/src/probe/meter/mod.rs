@@ -54,6 +54,15 @@ const DISTANCE_PRIOR: f32 = 6.0;
 /// Regions that give less than this share of the light on the papers stand at the room's distance.
 const NEAR_SHARE: f32 = 0.04;
 
+/// Half angle from which on a light is wide, radians: its penumbrae show what it is made of.
+const WIDE_RAD: f32 = 0.12;
+/// Change of a wide light's direction or size after which its penumbrae are looked for anew, radians.
+const REFOCUS_RAD: f32 = 0.06;
+/// Places on a wide light that tell where its penumbrae are.
+const PENUMBRA_PLACES: usize = 16;
+/// Patches in penumbrae at most.
+const MAX_PENUMBRA: usize = 200;
+
 /// Radiance read off one spot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
@@ -130,9 +139,14 @@ fn to_sphere(point: Vec3, direction: Vec3, radius: f32) -> f32 {
 /// All spots of a rig.
 #[derive(Debug, Default)]
 pub struct LightMeter {
+    /// Spots that are read: those that always are first, then those chosen for the light as it is.
     spots: Vec<Spot>,
+    n_always: usize,
+    pool: Vec<Spot>,
     n_parts: usize,
     sights: Vec<Sight>,
+    /// Direction and half angle of the wide light that the last spots were chosen for.
+    focus: Option<(Vec3, f32)>,
 }
 
 impl LightMeter {
@@ -142,12 +156,50 @@ impl LightMeter {
     /// diffuse surfaces.
     #[must_use]
     pub fn new(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3, f32)]) -> Self {
-        let (spots, n_parts) = spots::find(rig, occluders, interest, mirrors);
+        let spots = spots::find(rig, occluders, interest, mirrors);
         Self {
-            sights: spots.iter().map(|_| Sight::default()).collect(),
-            spots,
-            n_parts,
+            sights: spots.always.iter().map(|_| Sight::default()).collect(),
+            n_always: spots.always.len(),
+            spots: spots.always,
+            pool: spots.pool,
+            n_parts: spots.n_parts,
+            focus: None,
         }
+    }
+
+    /// Chooses patches in the penumbrae of the widest clipped light: what a phantom leaves of a window tells how bright its
+    /// parts are. Nothing changes while that light stands still.
+    pub fn focus_on(&mut self, regions: &[StrongRegion], light: KnownLight<'_>, occluders: &Occluders) {
+        let wide = regions.iter().filter(|region| !region.core.is_empty());
+        let widest = wide
+            .map(|region| extent_of(region, light.far))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((direction, half_angle)) = widest.filter(|&(_, half_angle)| half_angle > WIDE_RAD) else {
+            return;
+        };
+        let is_same = |&(before, angle): &(Vec3, f32)| {
+            before.angle_between(direction) < REFOCUS_RAD && (angle - half_angle).abs() < REFOCUS_RAD
+        };
+        if self.focus.as_ref().is_some_and(is_same) {
+            return;
+        }
+        self.focus = Some((direction, half_angle));
+        let places = places_on(light.probe_m, (direction, half_angle), light.room_m);
+        let is_penumbra = |spot: &&Spot| {
+            let sees = |&&place: &&Vec3| {
+                spot.normal.dot(place - spot.position_m) > 0.0 && !occluders.blocks(spot.origin_m(), place)
+            };
+            let open = places.iter().filter(sees).count();
+            (2..=PENUMBRA_PLACES - 2).contains(&open)
+        };
+        let chosen: Vec<Spot> = self.pool.par_iter().filter(is_penumbra).cloned().collect();
+        let stride = chosen.len().div_ceil(MAX_PENUMBRA).max(1);
+        let mut chosen: Vec<Spot> = chosen.into_iter().step_by(stride).collect();
+        chosen.par_iter_mut().for_each(|spot| spot.gather(occluders));
+        self.spots.truncate(self.n_always);
+        self.spots.extend(chosen);
+        self.sights.truncate(self.n_always);
+        self.sights.resize(self.spots.len(), Sight::default());
     }
 
     /// Reads every spot that the picture shows large enough, unclipped and not hidden by a phantom.
@@ -221,6 +273,27 @@ impl LightMeter {
             rows: Rows::new(rows.into_iter().map(|(_, row)| row).collect(), shapes, self.n_parts),
         }
     }
+}
+
+/// Middle of a region and the angle from there to its farthest texel.
+fn extent_of(region: &StrongRegion, far: &Cube<Vec3>) -> (Vec3, f32) {
+    let directions = || region.core.iter().map(|&i| far.direction(i));
+    let middle = directions().sum::<Vec3>().normalize_or(Vec3::Z);
+    (middle, directions().map(|d| d.angle_between(middle)).fold(0.0, f32::max))
+}
+
+/// Places spread over a round light at `distance_m` from the probe (Vogel's spiral).
+fn places_on(probe_m: Vec3, (direction, half_angle): (Vec3, f32), distance_m: f32) -> Vec<Vec3> {
+    let golden_angle = PI * (3.0 - 5.0f32.sqrt());
+    let across = direction.any_orthonormal_vector();
+    let up = direction.cross(across);
+    (0..PENUMBRA_PLACES)
+        .map(|k| {
+            let (sin, cos) = (k as f32 * golden_angle).sin_cos();
+            let off = half_angle * ((k as f32 + 0.5) / PENUMBRA_PLACES as f32).sqrt();
+            probe_m + (direction + (across * cos + up * sin) * off) * distance_m
+        })
+        .collect()
 }
 
 /// Mean radiance over a spot; `None` if it is too small in the picture, hidden or clipped.

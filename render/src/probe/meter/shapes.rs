@@ -23,12 +23,28 @@ pub(super) struct Sample {
     pub(super) brightness: [f32; MAX_PATTERNS],
 }
 
+/// Bands that a window is divided into, from its sill to its top.
+const BANDS: usize = 4;
+/// Least height of a window that is divided, radians.
+const BAND_RAD: f32 = 0.25;
 /// Patterns of a region at most.
-pub(super) const MAX_PATTERNS: usize = 5;
+pub(super) const MAX_PATTERNS: usize = 1 + BANDS + 2;
+
+/// What a pattern is to its region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PatternKind {
+    /// All of it: an unknown of its own only as long as nothing finer is asked.
+    Even,
+    /// A part of the even pattern, as bright as the whole unless the readings say otherwise.
+    Band,
+    /// A rise towards a side, added to the even pattern or to the bands.
+    Ramp,
+}
 
 /// Texels with the radiance that one unit of an unknown adds to them.
 #[derive(Debug, Clone)]
 pub(super) struct Pattern {
+    pub(super) kind: PatternKind,
     pub(super) texels: Vec<(usize, f32)>,
 }
 
@@ -36,7 +52,7 @@ pub(super) struct Pattern {
 #[derive(Debug, Clone)]
 pub(super) struct RegionShape {
     pub(super) samples: Vec<Sample>,
-    /// The even pattern first, then ramps; none where nothing is clipped.
+    /// The even pattern first, then what it is made of or changed by; none where nothing is clipped.
     pub(super) patterns: Vec<Pattern>,
     /// Channels that clip in it.
     pub(super) channels: [bool; 3],
@@ -113,37 +129,71 @@ fn overcast_sky(direction: Vec3) -> f32 {
     1.0 + 2.0 * direction.z.clamp(0.0, std::f32::consts::FRAC_1_SQRT_2)
 }
 
-/// Patterns that clipped light may be made of: the sky's, and for wide regions ramps towards four sides.
+/// Patterns that clipped light may be made of: the sky's; for windows bands of it, as the sky ends at a horizon; for wide
+/// regions ramps towards the sides.
 fn patterns_of(core: &[usize], cube: &Cube<Vec3>) -> Vec<Pattern> {
-    let pattern = |brightness: &dyn Fn(Vec3) -> f32| {
-        let mut texels: Vec<(usize, f32)> = core.iter().map(|&i| (i, brightness(cube.direction(i)))).collect();
-        let (mut lit, mut area_sr) = (0.0, 0.0);
-        for &(i, b) in &texels {
-            lit += b * cube.solid_angle(i);
-            area_sr += cube.solid_angle(i);
-        }
-        // Mean brightness 1, so that the unknowns of a region mean the same.
-        let mean = (lit / area_sr).max(f32::MIN_POSITIVE);
-        for (_, brightness) in &mut texels {
-            *brightness /= mean;
-        }
-        Pattern { texels }
-    };
-    let mut patterns = vec![pattern(&overcast_sky)];
+    let even = normalised(core, cube, &overcast_sky);
     let middle = core
         .iter()
         .map(|&i| cube.direction(i))
         .sum::<Vec3>()
         .normalize_or(Vec3::Z);
-    let first = middle.any_orthonormal_vector();
-    for side in [first, -first, middle.cross(first), middle.cross(-first)] {
-        let reach = |&i: &usize| cube.direction(i).dot(side).abs();
+    let bands = bands_of(&even, cube, middle);
+    let mut patterns = vec![Pattern {
+        kind: PatternKind::Even,
+        texels: even,
+    }];
+    let first = Vec3::Z.cross(middle).try_normalize().unwrap_or(Vec3::X);
+    let sides = [first, -first, middle.cross(first), middle.cross(-first)];
+    // Bands tell the height already.
+    let n_sides = if bands.is_empty() { 4 } else { 2 };
+    patterns.extend(bands);
+    for side in &sides[..n_sides] {
+        let reach = |&i: &usize| cube.direction(i).dot(*side).abs();
         let widest = core.iter().map(reach).fold(0.0, f32::max);
         if widest > RAMP_RAD {
-            patterns.push(pattern(&|direction| {
-                overcast_sky(direction) * (1.0 + direction.dot(side) / widest)
-            }));
+            let ramp = |direction: Vec3| overcast_sky(direction) * (1.0 + direction.dot(*side) / widest);
+            patterns.push(Pattern {
+                kind: PatternKind::Ramp,
+                texels: normalised(core, cube, &ramp),
+            });
         }
     }
     patterns
+}
+
+/// Texels with a brightness whose mean over their area is 1, so that the unknowns of a region mean the same.
+fn normalised(core: &[usize], cube: &Cube<Vec3>, brightness: &dyn Fn(Vec3) -> f32) -> Vec<(usize, f32)> {
+    let mut texels: Vec<(usize, f32)> = core.iter().map(|&i| (i, brightness(cube.direction(i)))).collect();
+    let (mut lit, mut area_sr) = (0.0, 0.0);
+    for &(i, b) in &texels {
+        lit += b * cube.solid_angle(i);
+        area_sr += cube.solid_angle(i);
+    }
+    let mean = (lit / area_sr).max(f32::MIN_POSITIVE);
+    for (_, brightness) in &mut texels {
+        *brightness /= mean;
+    }
+    texels
+}
+
+/// The even pattern cut by elevation; empty for what is low or stands above like a ceiling.
+fn bands_of(even: &[(usize, f32)], cube: &Cube<Vec3>, middle: Vec3) -> Vec<Pattern> {
+    let elevation = |i: usize| cube.direction(i).z.clamp(-1.0, 1.0).asin();
+    let lowest = even.iter().map(|&(i, _)| elevation(i)).fold(f32::INFINITY, f32::min);
+    let highest = even.iter().map(|&(i, _)| elevation(i)).fold(f32::NEG_INFINITY, f32::max);
+    if highest - lowest < BAND_RAD || middle.z > std::f32::consts::FRAC_1_SQRT_2 {
+        return Vec::new();
+    }
+    let band_of = |i: usize| {
+        let share = (elevation(i) - lowest) / (highest - lowest);
+        ((share * BANDS as f32) as usize).min(BANDS - 1)
+    };
+    (0..BANDS)
+        .map(|band| Pattern {
+            kind: PatternKind::Band,
+            texels: even.iter().copied().filter(|&(i, _)| band_of(i) == band).collect(),
+        })
+        .filter(|pattern| !pattern.texels.is_empty())
+        .collect()
 }

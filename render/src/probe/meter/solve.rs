@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::super::clipped::Price;
 use super::least_squares::{Solution, Unknowns};
-use super::shapes::{RegionShape, Sample};
+use super::shapes::{PatternKind, RegionShape, Sample};
 use super::spots::Reflectance;
 
 /// Relative standard deviation expected of a reading off paper: paper, noise, gathering.
@@ -15,6 +15,8 @@ const PATCH_SIGMA: f32 = 0.05;
 const SHARED_GRAIN: f32 = 1.0;
 /// Parts whose patches scatter more than this tell nothing.
 const MAX_SCATTER: f32 = 0.5;
+/// Standard deviation of a window's band relative to the even light: ground below a horizon is a tenth as bright as the sky.
+const BAND_SIGMA: f32 = 0.7;
 /// Standard deviation of a ramp, and of the even light then, relative to the region's even light.
 const RAMP_SIGMA: f32 = 0.5;
 
@@ -286,14 +288,25 @@ impl Rows {
         };
         let mut is_used = vec![false; self.n_patterns];
         for (region, shape) in self.shapes.iter().enumerate() {
-            for i in self.unknowns_of(region) {
-                let is_even = i == self.firsts[region];
-                is_used[i] = shape.channels[channel] && (is_even || even.is_some());
+            let has_bands = shape.patterns.iter().any(|pattern| pattern.kind == PatternKind::Band);
+            for (i, pattern) in self.unknowns_of(region).zip(&shape.patterns) {
                 unknowns.prices[i] = shape.price;
+                let is_asked = match (even, pattern.kind) {
+                    (None, kind) => kind == PatternKind::Even,
+                    (Some(_), PatternKind::Even) => !has_bands,
+                    (Some(_), PatternKind::Band | PatternKind::Ramp) => true,
+                };
+                is_used[i] = is_asked && shape.channels[channel];
                 if let Some(even) = even {
                     let level = even[self.firsts[region]];
-                    let expected = if is_even { level } else { 0.0 };
-                    unknowns.priors[i] = (expected, 1.0 / (RAMP_SIGMA * level).max(1e-6).powi(2));
+                    let (expected, sigma) = match pattern.kind {
+                        PatternKind::Even => (level, RAMP_SIGMA),
+                        PatternKind::Band => (level, BAND_SIGMA),
+                        PatternKind::Ramp => (0.0, RAMP_SIGMA),
+                    };
+                    // What is not asked stays nothing.
+                    let expected = if is_used[i] { expected } else { 0.0 };
+                    unknowns.priors[i] = (expected, 1.0 / (sigma * level).max(1e-6).powi(2));
                 }
             }
         }

@@ -55,7 +55,7 @@ impl Spot {
         self.position_m + self.normal * 1e-3
     }
 
-    fn gather(&mut self, occluders: &Occluders) {
+    pub(super) fn gather(&mut self, occluders: &Occluders) {
         let origin = self.origin_m();
         self.rays = cosine_directions(self.normal)
             .map(|d| (d, occluders.distance_m(origin, d, 1e-3).unwrap_or(NOTHING_M)))
@@ -63,14 +63,28 @@ impl Spot {
     }
 }
 
+/// Candidates for patches at the edges of shadows.
+const MAX_POOL: usize = 2400;
+
+/// What can be read: spots that always are, and candidates for more.
+#[derive(Debug, Default)]
+pub(super) struct Spots {
+    /// Papers and patches spread evenly.
+    pub(super) always: Vec<Spot>,
+    /// More patches, without rays.
+    pub(super) pool: Vec<Spot>,
+    /// Number of parts that patches belong to.
+    pub(super) n_parts: usize,
+}
+
 /// All spots of a rig among phantoms; `interest` are the points that light is wanted for, `probe` centre and radius in metres
-/// of what is no diffuse surface. Also returns the number of parts.
-pub(super) fn find(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3, f32)]) -> (Vec<Spot>, usize) {
-    let mut spots: Vec<Spot> = rig.markers.iter().flat_map(papers_of).collect();
-    let (patches, n_parts) = patches(rig, occluders, interest, mirrors);
-    spots.extend(patches);
-    spots.par_iter_mut().for_each(|spot| spot.gather(occluders));
-    (spots, n_parts)
+/// of what is no diffuse surface.
+pub(super) fn find(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3, f32)]) -> Spots {
+    let mut always: Vec<Spot> = rig.markers.iter().flat_map(papers_of).collect();
+    let mut spots = patches(rig, occluders, interest, mirrors);
+    always.append(&mut spots.always);
+    always.par_iter_mut().for_each(|spot| spot.gather(occluders));
+    Spots { always, ..spots }
 }
 
 /// Four strips of the white rim of a marker, three papers each, one cell outside the black square.
@@ -106,7 +120,7 @@ fn papers_of(marker: &Marker) -> Vec<Spot> {
 }
 
 /// Patches on the phantoms near markers and virtual objects, spread by area within a part.
-fn patches(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3, f32)]) -> (Vec<Spot>, usize) {
+fn patches(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3, f32)]) -> Spots {
     let markers: Vec<(Vec3, Mat3, f32)> = rig
         .markers
         .iter()
@@ -130,7 +144,7 @@ fn patches(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3
     };
     let is_mirror = |p: Vec3| mirrors.iter().any(|&(center, radius)| p.distance(center) < radius);
     let parts = connected_parts(occluders.triangles());
-    let mut candidates: Vec<Vec<Spot>> = parts
+    let candidates: Vec<Vec<Spot>> = parts
         .iter()
         .map(|triangles| {
             let points = spread_over(triangles.iter().map(|&t| occluders.triangles()[t]));
@@ -145,17 +159,22 @@ fn patches(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3
     let share = MAX_PATCHES / (n_parts + 2).max(1);
     // The largest part, usually the table, has three shares: it tells most about where shadows fall.
     let largest = (0..n_parts).max_by_key(|&i| candidates[i].len());
-    let mut spots = Vec::with_capacity(MAX_PATCHES);
-    for (part, candidates) in candidates.iter_mut().enumerate() {
+    let mut spots = Spots {
+        n_parts,
+        ..Spots::default()
+    };
+    for (part, candidates) in candidates.into_iter().enumerate() {
         let wanted = if Some(part) == largest { 3 * share } else { share };
-        let n = candidates.len();
-        let picked = (0..wanted.min(n)).map(|k| k * n / wanted.min(n));
-        spots.extend(picked.map(|i| Spot {
+        // Their order is without pattern, so the first ones are spread as all of them are.
+        let mut of_part = candidates.into_iter().map(|spot| Spot {
             reflectance: Reflectance::OfPart(part),
-            ..candidates[i].clone()
-        }));
+            ..spot
+        });
+        spots.always.extend(of_part.by_ref().take(wanted));
+        let more = if Some(part) == largest { MAX_POOL / 2 } else { MAX_POOL / 2 / n_parts };
+        spots.pool.extend(of_part.take(more));
     }
-    (spots, n_parts)
+    spots
 }
 
 fn patch(position_m: Vec3, normal: Vec3) -> Spot {

@@ -29,7 +29,7 @@ const BORDER_TEXELS: f32 = 1.5;
 /// Light beyond this many times a light's reach is none of its own; between once and this, partly.
 const OUTER_REACH: f32 = 1.3;
 /// Steps of clustering with the first map.
-const FIRST_STEPS: u32 = 12;
+const FIRST_STEPS: u32 = 24;
 /// How far a lamp can jump between two frames and still be the same, radians (12°).
 const JUMP_RAD: f32 = 0.21;
 /// Share of its power that a light must have lost for light nearby to be what it lost.
@@ -113,6 +113,9 @@ impl Stable {
                 let follower = &mut self.followers[index];
                 let share = most * rest * gate(distance_squared.sqrt() / follower.reach_rad);
                 follower.gathered.add(ray, share, follower.seed);
+                if first_share < 1.0 {
+                    follower.border_power += share * ray.power();
+                }
                 rest -= share;
             }
             if rest > 0.0 {

@@ -4,7 +4,8 @@
 //! a texel belongs to the dome or to a light by a share that rises smoothly with its brightness, and to one light or its
 //! neighbour by a share that falls smoothly across the border between them. Lights are the means of a k-means clustering
 //! (Lloyd 1982) of the bright texels, weighted by power, that goes on from frame to frame, one step each; what none of them
-//! reaches becomes a new light. Places follow by an alpha-beta filter, whose gain rises to 1 where the change is no noise.
+//! reaches becomes a new light. Places follow by an alpha-beta filter, whose gain rises to 1 where the change is no noise;
+//! powers are averaged the same way, and then scaled together so that they add up to the light of this very frame.
 
 use glam::Vec3;
 

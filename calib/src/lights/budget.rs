@@ -129,11 +129,6 @@ fn widest(followers: &[Follower]) -> Option<usize> {
 fn divide(followers: &mut Vec<Follower>, index: usize, (large, small): (&Region, &Region), next_id: u32) {
     let whole = followers[index];
     let share = small.power / (large.power + small.power).max(f32::MIN_POSITIVE);
-    let part = |id: u32, region: &Region, share: f32| Follower {
-        velocity: whole.velocity,
-        irradiance: whole.irradiance * share,
-        ..Follower::new(id, region)
-    };
-    followers[index] = part(whole.id, large, 1.0 - share);
-    followers.push(part(next_id, small, share));
+    followers[index] = whole.part(whole.id, large, 1.0 - share);
+    followers.push(whole.part(next_id, small, share));
 }

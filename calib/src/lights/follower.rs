@@ -18,9 +18,11 @@ const CONTESTED_GAIN: f32 = 0.1;
 const VELOCITY_GAIN: f32 = 0.5;
 /// What is slower stands still, radians per frame (0.05°).
 const STILL_RAD: f32 = 8.7e-4;
+/// Share of a follower's light that may lie at a border with another one before it is a part of something larger.
+const MAX_BORDER: f32 = 0.02;
 /// How far the light of a still follower may lie off its seed: at least this, radians (0.25°), ...
 const SLACK_RAD: f32 = 0.0044;
-/// ... and this share of its spread.
+/// ... and this share of its spread, which has the same slack.
 const SLACK_OF_SPREAD: f32 = 0.15;
 /// Frames in which a new light takes every measurement as it is.
 const YOUNG_FRAMES: u8 = 3;
@@ -38,6 +40,9 @@ pub(super) struct Follower {
     pub(super) velocity: Vec3,
     /// Root mean square distance of its light from the centre, radians.
     pub(super) spread_rad: f32,
+    /// The spread that its reach goes by: changes with some slack too, or a dim region without a clear edge would shrink and its
+    /// reach with it, and so on.
+    reach_spread_rad: f32,
     /// Averaged irradiance, linear RGB.
     pub(super) irradiance: Vec3,
     pub(super) inverse_distance: f32,
@@ -45,9 +50,11 @@ pub(super) struct Follower {
     pub(super) absent_frames: u8,
     /// Frames in which others crossed it, without a break.
     pub(super) contested_frames: u8,
-    pub(super) age_frames: u8,
+    age_frames: u8,
     /// Light within this distance is its own, radians.
     pub(super) reach_rad: f32,
+    /// Power of its light that lies at the border with another follower.
+    pub(super) border_power: f32,
     /// Its light in this frame, offsets from `seed`.
     pub(super) gathered: Gathered,
 }
@@ -65,13 +72,24 @@ impl Follower {
             seed: region.mean,
             velocity: Vec3::ZERO,
             spread_rad: gathered.spread_rad(),
+            reach_spread_rad: gathered.spread_rad(),
             irradiance: gathered.irradiance,
             inverse_distance: gathered.mean_inverse_distance(),
             absent_frames: 0,
             contested_frames: 0,
             age_frames: 0,
             reach_rad: 0.0,
+            border_power: 0.0,
             gathered,
+        }
+    }
+
+    /// A part of it, with a share of its power.
+    pub(super) fn part(&self, id: u32, region: &Region, share: f32) -> Self {
+        Self {
+            velocity: self.velocity,
+            irradiance: self.irradiance * share,
+            ..Self::new(id, region)
         }
     }
 
@@ -88,8 +106,18 @@ impl Follower {
     /// It reaches a little further than its light: the corner of a square region of even brightness is 1.73 times its spread
     /// away, and a region may have moved.
     pub(super) fn open(&mut self, texel_rad: f32) {
-        self.reach_rad = 2.2 * self.spread_rad + 2.0 * texel_rad + 0.02 + 0.5 * self.velocity.length();
+        if (self.spread_rad - self.reach_spread_rad).abs() > SLACK_OF_SPREAD * self.reach_spread_rad {
+            self.reach_spread_rad = self.spread_rad;
+        }
+        self.reach_rad = 2.2 * self.reach_spread_rad + 2.0 * texel_rad + 0.02 + 0.5 * self.velocity.length();
         self.gathered = Gathered::default();
+        self.border_power = 0.0;
+    }
+
+    /// Whether it is a part of something larger. Then its middle says more of where the parts meet than of where that goes, and
+    /// a part that went where its middle goes would carry its borders along and never stop.
+    fn is_part(&self) -> bool {
+        self.border_power > MAX_BORDER * self.gathered.power
     }
 
     /// Radius of a disc of even brightness with its spread, radians. (On a disc the mean square distance is r²/2.)
@@ -120,14 +148,18 @@ impl Follower {
         if !is_contested {
             self.velocity += off * (VELOCITY_GAIN * gain);
             self.velocity -= self.center * self.velocity.dot(self.center);
-            if self.velocity.length() < STILL_RAD {
+            if self.is_part() || self.velocity.length() < STILL_RAD {
                 self.velocity = Vec3::ZERO;
             }
             let spread_gain = if is_young { 1.0 } else { MIN_GAIN };
             self.spread_rad += (self.gathered.spread_rad() - self.spread_rad) * spread_gain;
         }
         self.move_seed(seen, is_contested || is_young);
-        self.irradiance = smoothed(self.irradiance, self.gathered.irradiance, min_power);
+        self.irradiance = if is_young {
+            self.gathered.irradiance
+        } else {
+            smoothed(self.irradiance, self.gathered.irradiance, min_power)
+        };
         let (now, before) = (self.gathered.mean_inverse_distance(), self.inverse_distance);
         self.inverse_distance += (now - before) * gain_of_change(now, before, 0.0);
     }
@@ -137,10 +169,8 @@ impl Follower {
             self.seed = self.center;
             return;
         }
-        let off = seen - self.seed;
-        let slack_rad = SLACK_RAD.max(SLACK_OF_SPREAD * self.spread_rad);
-        if off.length() > slack_rad {
-            self.seed = (seen - off.normalize_or_zero() * slack_rad).normalize_or(seen);
+        if seen.distance(self.seed) > SLACK_RAD.max(SLACK_OF_SPREAD * self.spread_rad) {
+            self.seed = seen;
         }
     }
 

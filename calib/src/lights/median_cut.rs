@@ -105,17 +105,19 @@ impl MedianCut {
             .map(halves)
     }
 
-    /// Cuts until there are as many regions as lights; the one with the most energy goes first.
+    /// Cuts until there are as many regions as lights; the one with the most energy goes first, single pixels stay.
     fn divide(&mut self) {
         self.regions.clear();
         self.regions.push(self.rectangle([0, WIDTH], [0, HEIGHT]));
         while self.regions.len() < self.max_lights {
+            let can_be_cut = |&index: &usize| {
+                let Rectangle { x, y, energy } = self.regions[index];
+                energy > 0.0 && (x[1] - x[0]) * (y[1] - y[0]) > 1
+            };
             let brightest = (0..self.regions.len())
-                .max_by(|&a, &b| self.regions[a].energy.total_cmp(&self.regions[b].energy))
-                .unwrap_or(0);
-            if self.regions[brightest].energy <= 0.0 {
-                break;
-            }
+                .filter(can_be_cut)
+                .max_by(|&a, &b| self.regions[a].energy.total_cmp(&self.regions[b].energy));
+            let Some(brightest) = brightest else { break };
             let Some([one, other]) = self.cut(self.regions[brightest]) else {
                 break;
             };
@@ -162,6 +164,15 @@ mod tests {
     use super::super::{LightMethod, LightTracker};
     use super::*;
     use crate::probe::cube::Cube;
+
+    #[test]
+    fn a_lamp_of_one_texel_does_not_keep_the_rest_whole() {
+        let mut map = Cube::filled(64, Vec3::ONE);
+        map.texels_mut()[100] = Vec3::splat(1e6);
+        let counts = LightCounts { dome: 48, bright: 16 };
+        let mut tracker = LightTracker::new(LightMethod::MedianCut, &Cube::filled(16, true), counts);
+        assert_eq!(tracker.update(&map, &Cube::filled(1, 2.0)).len(), 64);
+    }
 
     #[test]
     fn lights_have_equal_shares_of_an_even_sky() {

@@ -4,7 +4,8 @@
 //! a texel belongs to the dome or to a light by a share that rises smoothly with its brightness, and to one light or its
 //! neighbour by a share that falls smoothly across the border between them. Lights are the means of a k-means clustering
 //! (Lloyd 1982) of the bright texels, weighted by power, that goes on from frame to frame, one step each; what none of them
-//! reaches becomes a new light. Places follow by an alpha-beta filter, whose gain rises to 1 where the change is no noise.
+//! reaches becomes a new light. Places follow by an alpha-beta filter, whose gain rises to 1 where the change is no noise;
+//! powers are averaged the same way, and then scaled together so that they add up to the light of this very frame.
 
 use glam::Vec3;
 
@@ -29,7 +30,7 @@ const BORDER_TEXELS: f32 = 1.5;
 /// Light beyond this many times a light's reach is none of its own; between once and this, partly.
 const OUTER_REACH: f32 = 1.3;
 /// Steps of clustering with the first map.
-const FIRST_STEPS: u32 = 12;
+const FIRST_STEPS: u32 = 24;
 /// How far a lamp can jump between two frames and still be the same, radians (12°).
 const JUMP_RAD: f32 = 0.21;
 /// Share of its power that a light must have lost for light nearby to be what it lost.
@@ -113,6 +114,9 @@ impl Stable {
                 let follower = &mut self.followers[index];
                 let share = most * rest * gate(distance_squared.sqrt() / follower.reach_rad);
                 follower.gathered.add(ray, share, follower.seed);
+                if first_share < 1.0 {
+                    follower.border_power += share * ray.power();
+                }
                 rest -= share;
             }
             if rest > 0.0 {

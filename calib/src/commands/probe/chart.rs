@@ -50,8 +50,11 @@ pub(super) fn draw(measured: &Measured, radiance: &Cube<Vec3>, figures: &Figures
     axes(&mut picture, known_top);
 
     let list_top = known_top + panel;
-    let head = "  #  direction x      y      z  height radius   share %  irradiance r        g        b";
-    text(&mut picture, head, (4, list_top), WHITE);
+    let head = format!(
+        "{:>3} {:>12} {:>6} {:>6} {:>7} {:>6} {:>9} {:>10} {:>8} {:>8}",
+        "#", "direction x", "y", "z", "height", "radius", "share %", "irrad. r", "g", "b"
+    );
+    text(&mut picture, &head, (4, list_top), WHITE);
     for (number, light) in (1..).zip(figures.bright().take(LISTED)) {
         let top = list_top + line * number as i64;
         text(
@@ -178,7 +181,7 @@ fn light_ink(number: usize) -> Ink {
 fn list_line(number: usize, found: &FoundLight, total: f32) -> String {
     let (d, e) = (found.light.direction, found.light.irradiance);
     format!(
-        "{number:>3} {:>12.3} {:>6.3} {:>6.3} {:>7.1} {:>6.2} {} {:>7.2} {:>13.4} {:>8.4} {:>8.4}",
+        "{number:>3} {:>12.3} {:>6.3} {:>6.3} {:>7.1} {:>6.2} {} {:>7.2} {:>10.4} {:>8.4} {:>8.4}",
         d.x,
         d.y,
         d.z,

@@ -125,7 +125,11 @@ mod tests {
         let mut place = BallPlace::new(&ball, Vec3::ONE);
         let shift = DVec3::new(0.002, -0.001, 0.0015);
         for k in 0..20 {
-            let sight = if k % 2 == 0 { DVec3::X } else { DVec3::new(0.0, 0.6, -0.8) };
+            let sight = if k % 2 == 0 {
+                DVec3::X
+            } else {
+                DVec3::new(0.0, 0.6, -0.8)
+            };
             place.learn(&fit(shift - sight * shift.dot(sight)), sight);
         }
         assert!((place.shift_m() - shift).length() < 5e-5, "{}", place.shift_m());

@@ -1,9 +1,9 @@
 //! The light of one frame set: every camera that sees the mirror ball, or is a fisheye, is a view of it.
 
 use glam::{Vec3, Vec4};
-use mirrorball_calib::merge::noise::VarianceTable;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::cube::{self, Cube};
+use mirrorball_calib::probe::fusion::ViewNoise;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::probe::radiance_map::Seen;
@@ -17,7 +17,6 @@ use crate::error::RenderError;
 use crate::node::{MeasuredFrame, RenderNode, check_size};
 use crate::passes::radiance_map::{CubePlace, gpu_probe};
 use crate::probe::Sighting;
-use crate::probe::fusion::ViewNoise;
 use crate::probe::surroundings::NOTHING_M;
 use crate::scene::occluders::Occluders;
 
@@ -170,7 +169,9 @@ impl RenderNode {
             .into_iter()
             .filter(|view| is_ball(view) && self.is_new(view, pose.is_some()))
             .collect();
-        let Some(place) = &mut self.ball_place else { return Ok(()) };
+        let Some(place) = &mut self.ball_place else {
+            return Ok(());
+        };
         for view in views {
             let camera = &self.rig.cameras[view.camera];
             let seen = place.see(&view_of(camera, view.frame, view.camera_from_world));
@@ -250,10 +251,7 @@ fn noise_of(camera: &Camera, frame: &Frame, optics: &ProbeOptics) -> ViewNoise {
 }
 
 fn noise_of_picture(camera: &Camera, frame: &Frame, reflectance: Vec3) -> ViewNoise {
-    let exposure = &frame.meta.exposure;
-    let signal = camera.photometry.signal_per_radiance(exposure).map(|s| s as f32);
-    let table = VarianceTable::new(&camera.photometry, exposure);
-    ViewNoise::new(table, Vec3::from_array(signal), reflectance)
+    ViewNoise::new(&camera.photometry, &frame.meta.exposure, reflectance)
 }
 
 /// Why a view tells nothing; `None` for one that does.

@@ -57,7 +57,10 @@ pub(crate) enum CommandError {
         source: Box<SourceError>,
     },
     #[error("`{lost}` of `{frames}` frames have no pose")]
-    Lost { lost: usize, frames: usize },
+    Lost {
+        lost: usize,
+        frames: usize,
+    },
     #[error(transparent)]
     Merge(#[from] merge::MergeError),
     Probe(#[from] probe::ProbeError),

@@ -7,6 +7,7 @@
 pub mod cube;
 pub mod equirectangular;
 pub mod fill;
+pub mod fusion;
 pub mod mapping;
 pub mod mirror_ball;
 pub mod outline;

@@ -87,7 +87,9 @@ impl LightLine {
 impl StrongLine {
     fn new(light: &StrongReport) -> Self {
         // Half angle of the cone with this solid angle.
-        let half_angle = (1.0 - light.area_sr / (2.0 * std::f32::consts::PI)).clamp(-1.0, 1.0).acos();
+        let half_angle = (1.0 - light.area_sr / (2.0 * std::f32::consts::PI))
+            .clamp(-1.0, 1.0)
+            .acos();
         Self {
             direction: light.direction.to_array().map(rounded),
             distance_m: rounded(light.distance_m),

@@ -3,7 +3,6 @@
 
 pub mod clipped;
 mod compact;
-pub mod fusion;
 pub mod meter;
 mod strong_lights;
 pub mod surroundings;
@@ -11,6 +10,7 @@ pub mod surroundings;
 use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::lights::{KeyLight, LightCounts, LightTracker};
 use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::probe::fusion::{Fusion, ViewNoise};
 use mirrorball_calib::probe::mapping::{LightSphere, ProbeMap};
 use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
@@ -19,7 +19,6 @@ use mirrorball_calib::rig::Rig;
 use crate::config::{ProbeConfig, RenderConfig};
 use crate::scene::occluders::Occluders;
 use clipped::{StrongRegion, strong_regions};
-use fusion::{Fusion, ViewNoise};
 use meter::{KnownLight, LightMeter, MAX_REGIONS, MeterFit};
 use strong_lights::StrongLights;
 use surroundings::NOTHING_M;

@@ -53,8 +53,10 @@ pub(crate) enum ProbeError {
     AllClipped { file: PathBuf },
     #[error("all that picture `{}` shows of the light is black", file.display())]
     AllBlack { file: PathBuf },
-    #[error("`{found}` pictures were given (allowed: one)")]
-    Several { found: usize },
+    #[error("no picture was given (allowed: one or more)")]
+    NoPicture,
+    #[error("`{found}` exposure times were given for `{pictures}` pictures (allowed: one for all, or one each)")]
+    ExposureTimes { found: usize, pictures: usize },
     #[error("cannot write `{}`", file.display())]
     Write {
         file: PathBuf,
@@ -78,7 +80,8 @@ impl ProbeError {
             | Self::NotSeen { .. }
             | Self::AllClipped { .. }
             | Self::AllBlack { .. }
-            | Self::Several { .. } => true,
+            | Self::NoPicture
+            | Self::ExposureTimes { .. } => true,
         }
     }
 
@@ -97,7 +100,10 @@ impl ProbeError {
             Self::NotSeen { .. } => "the ball must be in the picture, where `[ball]` in the rig file says that it is",
             Self::AllClipped { .. } => "expose shorter, or check `--exposure-s` and the rig's `response`",
             Self::AllBlack { .. } => "expose longer, and check that the lens is open",
-            Self::Several { .. } => "give the picture with the exposure that clips least",
+            Self::NoPicture => "name a picture of the probe",
+            Self::ExposureTimes { .. } => {
+                "give `--exposure-s` times in the order of the pictures, with commas between them"
+            }
             Self::Write { .. } => "give a folder that can be written with `--out`",
         }
     }

@@ -4,7 +4,14 @@ use glam::{DVec3, Vec3, Vec4};
 use mirrorball_calib::{
     pose::Pose,
     probe::{
-        NoProbe, ProbeOptics, Trust, View, cube::Cube, fill, mirror_ball::MirrorBall, radiance::Picture, radiance_map,
+        NoProbe, ProbeOptics, Trust, View,
+        cube::Cube,
+        fill,
+        fusion::{Fusion, ViewNoise},
+        mapping::Mapping,
+        mirror_ball::MirrorBall,
+        radiance::Picture,
+        radiance_map::{self, Seen, Surroundings},
     },
     resection,
     rig::{Rig, Role},
@@ -16,41 +23,14 @@ use crate::commands::{CommandError, families};
 
 /// Edge of the map's faces in texels: 0.35° each, finer than the output.
 pub(super) const PROBE_CUBE_SIZE: u32 = 256;
+/// Relative difference up to which pictures show the same light.
+const SAME_LIGHT: f32 = 0.08;
 /// A picture that shows less than this share of the sphere does not show the probe.
 const MIN_SEEN: f32 = 0.01;
 /// Where this share of what is seen is clipped in all channels, or black, there is nothing to see.
 const HOPELESS: f32 = 0.999;
 /// Codes up to this are black: noise.
 const BLACK_CODE: u8 = 2;
-
-/// What a picture says of one texel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Seen {
-    /// Linear radiance in the rig's common RGB.
-    pub(super) radiance: Vec3,
-    /// Channels that clip anywhere in the texel: bit 0 red, 1 green, 2 blue.
-    pub(super) clipped: u8,
-    /// Those that clip everywhere in it.
-    pub(super) clipped_everywhere: u8,
-    /// How far it is to be trusted, 0 to 1.
-    pub(super) quality: f32,
-}
-
-impl Seen {
-    /// What the texel of a radiance cube says; `None` for one that was not seen.
-    fn unpack(texel: Vec4) -> Option<Self> {
-        if texel.w < 1.0 {
-            return None;
-        }
-        let bits = texel.w as u32 - 1;
-        Some(Self {
-            radiance: texel.truncate(),
-            clipped: (bits & 7) as u8,
-            clipped_everywhere: (bits >> 3 & 7) as u8,
-            quality: 1.0,
-        })
-    }
-}
 
 /// The light at the probe, as far as it was seen.
 pub(super) struct Measured {
@@ -84,7 +64,7 @@ pub(super) fn measure(pictures: &[Taken<'_>], rig: &Rig, room_m: f32) -> Result<
         return Err(ProbeError::RoomDistance { found: room_m }.into());
     }
     let [picture, ..] = pictures else {
-        return Err(ProbeError::Several { found: 0 }.into());
+        return Err(ProbeError::NoPicture.into());
     };
     let optics = optics(rig, picture)?;
     let mut views = Vec::new();
@@ -92,30 +72,47 @@ pub(super) fn measure(pictures: &[Taken<'_>], rig: &Rig, room_m: f32) -> Result<
     for taken in pictures {
         let located = locate(taken, rig)?;
         reprojection_error_px = located.reprojection_error_px;
-        views.push(View {
+        let view = View {
             picture: Picture::new(&taken.frame, taken.camera),
             camera: taken.camera,
             camera_from_world: located.camera_from_world,
-        });
+        };
+        let reflectance = match &optics {
+            ProbeOptics::MirrorBall { reflectance, .. } => *reflectance,
+            ProbeOptics::Fisheye { .. } => Vec3::ONE,
+        };
+        let exposure = &taken.frame.meta.exposure;
+        views.push((view, ViewNoise::new(&taken.camera.photometry, exposure, reflectance)));
     }
     let measured = Measured {
-        texels: radiance_of(&views, &optics, room_m)?.map(|texel| Seen::unpack(*texel)),
+        texels: seen_by(&views, &optics, room_m),
         position_m: optics.position_m().as_dvec3(),
-        camera_from_world: views[0].camera_from_world,
+        camera_from_world: views[0].0.camera_from_world,
         reprojection_error_px,
     };
     check(&measured, picture, &optics)?;
     Ok(measured)
 }
 
-/// The one place that knows how many pictures there are: radiance, what is clipped and how far to trust it, per direction.
-fn radiance_of(views: &[View<'_>], optics: &ProbeOptics, room_m: f32) -> Result<Cube<Vec4>, ProbeError> {
-    let [view] = views else {
-        return Err(ProbeError::Several { found: views.len() });
-    };
+/// Radiance, what is clipped and how far to trust it, per direction: of one picture, or of several that are merged.
+fn seen_by(views: &[(View<'_>, ViewNoise)], optics: &ProbeOptics, room_m: f32) -> Cube<Option<Seen>> {
     // No scene file, no phantoms: all light comes from the room.
     let near_m = Cube::filled(PROBE_CUBE_SIZE, f32::INFINITY);
-    Ok(radiance_map::cube(view, optics, &Trust::default(), &near_m, room_m))
+    let around = Surroundings {
+        origin_m: optics.position_m(),
+        near_m: &near_m,
+        room_m,
+    };
+    let mut fusion = Fusion::new(PROBE_CUBE_SIZE, SAME_LIGHT, u32::MAX);
+    for (view, noise) in views {
+        let texels = radiance_map::cube(view, optics, Mapping::Exact, &Trust::default(), &around);
+        fusion.take(&[(texels.texels(), noise)]);
+    }
+    let mut seen = near_m.map(|_| None);
+    for (index, texel) in seen.texels_mut().iter_mut().enumerate() {
+        *texel = fusion.seen(index);
+    }
+    seen
 }
 
 /// What the picture's camera sees the light through: its own lens if that is a fisheye, else the ball.

@@ -27,7 +27,7 @@ const DOME_LIGHTS: u32 = 48;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Picture of the mirror ball, or of a fisheye camera (PNG or JPEG).
+    /// Picture of the mirror ball, or of a fisheye camera (PNG or JPEG); several exposures of one view are merged.
     #[arg(value_name = "IMAGE", required = true)]
     images: Vec<PathBuf>,
     /// Rig file with cameras, markers and ball.
@@ -36,9 +36,10 @@ pub(crate) struct Args {
     /// Camera of the rig that took the picture; otherwise the one in `frames.csv`, the fixed one, or the only one.
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
-    /// Exposure time in seconds; otherwise that in the `frames.csv` of the recording that the picture belongs to.
-    #[arg(long, value_name = "T")]
-    exposure_s: Option<f64>,
+    /// Exposure time in seconds, one for all pictures or one each; otherwise that in the `frames.csv` of the recording that
+    /// the picture belongs to.
+    #[arg(long, value_name = "T", value_delimiter = ',', num_args = 1)]
+    exposure_s: Option<Vec<f64>>,
     /// Analogue gain, linear; otherwise that in `frames.csv`, or 1.
     #[arg(long, value_name = "G")]
     gain: Option<f64>,
@@ -66,7 +67,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let rig = read_rig(&args.rig)?;
     let options = taken::Options {
         camera: args.camera.as_deref(),
-        exposure_s: args.exposure_s,
+        exposure_s: args.exposure_s.as_deref(),
         gain: args.gain,
         white_balance: args.wb.as_deref(),
     };

@@ -17,7 +17,8 @@ use crate::commands::{CommandError, no_camera};
 /// What the command line says of the pictures.
 pub(super) struct Options<'a> {
     pub(super) camera: Option<&'a str>,
-    pub(super) exposure_s: Option<f64>,
+    /// One for all pictures, or one each.
+    pub(super) exposure_s: Option<&'a [f64]>,
     pub(super) gain: Option<f64>,
     pub(super) white_balance: Option<&'a [f64]>,
 }
@@ -38,7 +39,17 @@ pub(super) fn pictures<'a>(
 ) -> Result<Vec<Taken<'a>>, CommandError> {
     let mut camera_name = options.camera.map(str::to_owned);
     let mut pictures = Vec::new();
-    for file in files {
+    if let Some(times) = options
+        .exposure_s
+        .filter(|times| ![1, files.len()].contains(&times.len()))
+    {
+        return Err(ProbeError::ExposureTimes {
+            found: times.len(),
+            pictures: files.len(),
+        }
+        .into());
+    }
+    for (index, file) in files.iter().enumerate() {
         let recorded = recorded(file)?;
         if let (Some(asked), Some(recorded)) = (&camera_name, &recorded)
             && *asked != *recorded.camera
@@ -57,7 +68,7 @@ pub(super) fn pictures<'a>(
                 .map_or(guess.name.clone(), |meta| meta.camera.to_string())
         });
         let camera = rig.camera(name).ok_or_else(|| no_camera(rig, rig_file, name))?;
-        let exposure = exposure(file, recorded.as_ref().map(|meta| &meta.exposure), options)?;
+        let exposure = exposure((index, file), recorded.as_ref().map(|meta| &meta.exposure), options)?;
         let sequence = recorded.as_ref().map_or(0, |meta| meta.sequence);
         let timestamp_ns = recorded.as_ref().map_or(0, |meta| meta.timestamp_ns);
         let meta = FrameMeta::new(Arc::from(name.as_str()), sequence, timestamp_ns, exposure);
@@ -94,8 +105,13 @@ fn recorded(file: &Path) -> Result<Option<FrameMeta>, CommandError> {
 }
 
 /// The exposure by the command line, else by the recording, else nothing but defaults for gain and white balance.
-fn exposure(file: &Path, recorded: Option<&Exposure>, options: &Options<'_>) -> Result<Exposure, ProbeError> {
-    let Some(time_s) = options.exposure_s.or(recorded.map(|e| e.time_s)) else {
+fn exposure(
+    (index, file): (usize, &Path),
+    recorded: Option<&Exposure>,
+    options: &Options<'_>,
+) -> Result<Exposure, ProbeError> {
+    let given_s = options.exposure_s.and_then(|times| times.get(index).or(times.first()));
+    let Some(time_s) = given_s.copied().or(recorded.map(|e| e.time_s)) else {
         return Err(ProbeError::NoExposure { file: file.to_owned() });
     };
     let wrong = |what: &'static str, found: String, allowed: &'static str| ProbeError::Exposure {

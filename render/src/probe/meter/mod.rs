@@ -279,7 +279,10 @@ impl LightMeter {
 fn extent_of(region: &StrongRegion, far: &Cube<Vec3>) -> (Vec3, f32) {
     let directions = || region.core.iter().map(|&i| far.direction(i));
     let middle = directions().sum::<Vec3>().normalize_or(Vec3::Z);
-    (middle, directions().map(|d| d.angle_between(middle)).fold(0.0, f32::max))
+    (
+        middle,
+        directions().map(|d| d.angle_between(middle)).fold(0.0, f32::max),
+    )
 }
 
 /// Places spread over a round light at `distance_m` from the probe (Vogel's spiral).

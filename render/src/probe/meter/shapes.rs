@@ -181,7 +181,10 @@ fn normalised(core: &[usize], cube: &Cube<Vec3>, brightness: &dyn Fn(Vec3) -> f3
 fn bands_of(even: &[(usize, f32)], cube: &Cube<Vec3>, middle: Vec3) -> Vec<Pattern> {
     let elevation = |i: usize| cube.direction(i).z.clamp(-1.0, 1.0).asin();
     let lowest = even.iter().map(|&(i, _)| elevation(i)).fold(f32::INFINITY, f32::min);
-    let highest = even.iter().map(|&(i, _)| elevation(i)).fold(f32::NEG_INFINITY, f32::max);
+    let highest = even
+        .iter()
+        .map(|&(i, _)| elevation(i))
+        .fold(f32::NEG_INFINITY, f32::max);
     if highest - lowest < BAND_RAD || middle.z > std::f32::consts::FRAC_1_SQRT_2 {
         return Vec::new();
     }

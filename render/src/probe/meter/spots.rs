@@ -171,7 +171,11 @@ fn patches(rig: &Rig, occluders: &Occluders, interest: &[Vec3], mirrors: &[(Vec3
             ..spot
         });
         spots.always.extend(of_part.by_ref().take(wanted));
-        let more = if Some(part) == largest { MAX_POOL / 2 } else { MAX_POOL / 2 / n_parts };
+        let more = if Some(part) == largest {
+            MAX_POOL / 2
+        } else {
+            MAX_POOL / 2 / n_parts
+        };
         spots.pool.extend(of_part.take(more));
     }
     spots

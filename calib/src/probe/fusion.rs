@@ -1,6 +1,6 @@
 //! Light remembered texel by texel: exposures of a bracket, views of several cameras and pictures over time become one cube.
 //!
-//! A texel holds an estimate with its variance. A new sample that agrees with it (χ² test of [`mirrorball_calib::merge`]) is
+//! A texel holds an estimate with its variance. A new sample that agrees with it (χ² test of [`crate::merge`]) is
 //! merged by maximum likelihood, a clipped one as the lower bound that it is: so the short exposure of a bracket measures the
 //! lamp, the long one the dark corner, and every exposure refreshes both. Old estimates fade, so that the average is about
 //! [`Fusion::new`]'s number of pictures long.
@@ -12,12 +12,15 @@
 //! the one after it.
 
 use glam::{Vec3, Vec4};
-use mirrorball_calib::merge::noise::VarianceTable;
-use mirrorball_calib::merge::{Clipping, Consistency, Sample, State, merge};
-use mirrorball_calib::probe::cube::{Cube, FACES};
-use mirrorball_calib::probe::radiance::luminance;
-use mirrorball_calib::probe::radiance_map::Seen;
+use mirrorball_capture::frame::Exposure;
 use rayon::prelude::*;
+
+use super::cube::{Cube, FACES};
+use super::radiance::luminance;
+use super::radiance_map::Seen;
+use crate::merge::noise::VarianceTable;
+use crate::merge::{Clipping, Consistency, Sample, State, merge};
+use crate::photometry::Photometry;
 
 /// Edge of a tile in texels.
 const TILE: usize = 8;
@@ -43,12 +46,13 @@ pub struct ViewNoise {
 }
 
 impl ViewNoise {
-    /// Noise of a frame's table, seen in a mirror of this reflectance (1 for none).
+    /// Noise of a frame with this exposure, which sees the light in a mirror of this reflectance (1 for none).
     #[must_use]
-    pub fn new(table: VarianceTable, signal_per_radiance: Vec3, reflectance: Vec3) -> Self {
+    pub fn new(photometry: &Photometry, exposure: &Exposure, reflectance: Vec3) -> Self {
+        let signal = photometry.signal_per_radiance(exposure).map(|signal| signal as f32);
         Self {
-            table,
-            signal_per_radiance: signal_per_radiance * reflectance,
+            table: VarianceTable::new(photometry, exposure),
+            signal_per_radiance: Vec3::from_array(signal) * reflectance,
             reflectance,
         }
     }
@@ -238,6 +242,18 @@ impl Fusion {
         self.texels[index].radiance
     }
 
+    /// What is known of a texel, as one picture would say it; `None` where nothing was ever seen.
+    #[must_use]
+    pub fn seen(&self, index: usize) -> Option<Seen> {
+        let texel = &self.texels[index];
+        (texel.quality > 0.0).then_some(Seen {
+            radiance: texel.radiance,
+            clipped: texel.clipped & 7,
+            clipped_everywhere: texel.clipped >> 3,
+            quality: texel.quality,
+        })
+    }
+
     /// Channels clipped anywhere in the texel in all that was seen (bits 0 to 2), everywhere in it (bits 3 to 5).
     #[must_use]
     pub fn clipped(&self) -> Cube<u8> {
@@ -410,9 +426,7 @@ fn replace(texel: &mut Texel, told: &Told) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mirrorball_calib::photometry::Photometry;
-    use mirrorball_calib::response::ResponseCurve;
-    use mirrorball_capture::frame::Exposure;
+    use crate::response::ResponseCurve;
 
     const SIZE: u32 = 16;
 
@@ -435,12 +449,7 @@ mod tests {
         };
         let photometry = photometry();
         let signal = photometry.signal_per_radiance(&exposure)[0] as f32;
-        let noise = ViewNoise::new(
-            VarianceTable::new(&photometry, &exposure),
-            Vec3::splat(signal),
-            Vec3::ONE,
-        );
-        (noise, signal)
+        (ViewNoise::new(&photometry, &exposure, Vec3::ONE), signal)
     }
 
     /// What a camera of this exposure shows of a room with these radiances, clipped at full scale.

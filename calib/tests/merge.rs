@@ -164,7 +164,7 @@ fn a_list_gives_pictures_and_exposures() {
 
 /// Runs and expects exit code 2 with this on standard error, and no picture.
 fn refused(files: &[String], more: &[&str], message: &str) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let output = merge(files, more, folder.path());
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains(message), "{}", stderr(&output));

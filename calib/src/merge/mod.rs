@@ -111,7 +111,7 @@ impl Consistency {
     /// Whether the samples agree with each other.
     fn holds<'a>(&self, samples: impl Iterator<Item = &'a Sample> + Clone) -> bool {
         let variance = |sample: &Sample, radiance: f32| self.variance(sample, radiance);
-        let Some((mean, _)) = weighted_mean(samples.clone(), variance) else {
+        let Some((mean, _)) = weighted_mean(&samples, variance) else {
             // Bounds of one kind only.
             return true;
         };
@@ -154,7 +154,7 @@ fn chi_square_limit(freedom: usize, sigmas: f32) -> f32 {
 #[must_use]
 pub fn merge(samples: &[Sample], consistency: &Consistency) -> Option<Estimate> {
     let trusted = trusted(samples, |sample| sample, consistency);
-    estimate(samples[samples.len() - trusted..].iter(), trusted)
+    estimate(&samples[samples.len() - trusted..].iter(), trusted)
 }
 
 /// Merges samples of one place in three channels, oldest first; all channels come from the same samples.
@@ -167,7 +167,7 @@ pub fn merge_rgb(samples: &[[Sample; 3]], consistency: &Consistency) -> Option<[
         .min()
         .unwrap_or(0);
     let newest = &samples[samples.len() - trusted..];
-    let of = |channel: usize| estimate(newest.iter().map(move |rgb| &rgb[channel]), trusted);
+    let of = |channel: usize| estimate(&newest.iter().map(move |rgb| &rgb[channel]), trusted);
     Some([of(0)?, of(1)?, of(2)?])
 }
 
@@ -181,7 +181,7 @@ fn trusted<T>(places: &[T], sample: impl Fn(&T) -> &Sample + Copy, consistency: 
 }
 
 /// The radiance of maximum likelihood of samples that are trusted.
-fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usize) -> Option<Estimate> {
+fn estimate<'a>(samples: &(impl Iterator<Item = &'a Sample> + Clone), trusted: usize) -> Option<Estimate> {
     let measured = samples.clone().any(|sample| sample.clipping == Clipping::None);
     let bound = samples
         .clone()
@@ -207,7 +207,7 @@ fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usiz
 ///
 /// Black samples count as the measurement 0 that they are: leaving them out would brighten the dark.
 fn weighted_mean<'a>(
-    samples: impl Iterator<Item = &'a Sample> + Clone,
+    samples: &(impl Iterator<Item = &'a Sample> + Clone),
     variance: impl Fn(&Sample, f32) -> f32,
 ) -> Option<(f32, f32)> {
     let mean_at = |merged: Option<f32>| {

@@ -18,8 +18,11 @@ pub mod noise;
 pub(crate) mod simulate;
 pub mod stack;
 
-/// Rounds of weighting: after the second, weights change by less than a thousandth.
+/// Rounds of weighting by the merged radiance: after the second, weights change by less than a thousandth.
 const ROUNDS: usize = 2;
+
+/// The same where only contradictions are looked for.
+const ROUNDS_TO_COMPARE: usize = 1;
 
 /// Degrees of freedom for which limits are tabulated.
 const MAX_FREEDOM: usize = 32;
@@ -111,7 +114,7 @@ impl Consistency {
     /// Whether the samples agree with each other.
     fn holds<'a>(&self, samples: impl Iterator<Item = &'a Sample> + Clone) -> bool {
         let variance = |sample: &Sample, radiance: f32| self.variance(sample, radiance);
-        let Some((mean, _)) = weighted_mean(&samples, variance) else {
+        let Some((mean, _)) = weighted_mean(&samples, variance, ROUNDS_TO_COMPARE) else {
             // Bounds of one kind only.
             return true;
         };
@@ -190,7 +193,7 @@ fn estimate<'a>(samples: &(impl Iterator<Item = &'a Sample> + Clone), trusted: u
     let (radiance, variance, state) = match bound {
         Some(bound) if !measured => (bound.radiance, bound.variance_at(bound.radiance), State::AtLeast),
         Some(_) | None => {
-            let (radiance, variance) = weighted_mean(samples, Sample::variance_at)?;
+            let (radiance, variance) = weighted_mean(samples, Sample::variance_at, ROUNDS)?;
             let state = if measured { State::Measured } else { State::AtMost };
             (radiance, variance, state)
         }
@@ -209,6 +212,7 @@ fn estimate<'a>(samples: &(impl Iterator<Item = &'a Sample> + Clone), trusted: u
 fn weighted_mean<'a>(
     samples: &(impl Iterator<Item = &'a Sample> + Clone),
     variance: impl Fn(&Sample, f32) -> f32,
+    rounds: usize,
 ) -> Option<(f32, f32)> {
     let mean_at = |merged: Option<f32>| {
         let (mut weights, mut sum) = (0.0, 0.0);
@@ -222,7 +226,7 @@ fn weighted_mean<'a>(
         (sum / weights, 1.0 / weights)
     };
     let (mut mean, mut mean_variance) = mean_at(None);
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         (mean, mean_variance) = mean_at(Some(mean));
     }
     mean.is_finite().then_some((mean, mean_variance))

@@ -18,8 +18,11 @@ pub mod noise;
 pub(crate) mod simulate;
 pub mod stack;
 
-/// Rounds of weighting: after the second, weights change by less than a thousandth.
+/// Rounds of weighting by the merged radiance: after the second, weights change by less than a thousandth.
 const ROUNDS: usize = 2;
+
+/// The same where only contradictions are looked for.
+const ROUNDS_TO_COMPARE: usize = 1;
 
 /// Degrees of freedom for which limits are tabulated.
 const MAX_FREEDOM: usize = 32;
@@ -111,7 +114,7 @@ impl Consistency {
     /// Whether the samples agree with each other.
     fn holds<'a>(&self, samples: impl Iterator<Item = &'a Sample> + Clone) -> bool {
         let variance = |sample: &Sample, radiance: f32| self.variance(sample, radiance);
-        let Some((mean, _)) = weighted_mean(samples.clone(), variance) else {
+        let Some((mean, _)) = weighted_mean(&samples, variance, ROUNDS_TO_COMPARE) else {
             // Bounds of one kind only.
             return true;
         };
@@ -154,7 +157,7 @@ fn chi_square_limit(freedom: usize, sigmas: f32) -> f32 {
 #[must_use]
 pub fn merge(samples: &[Sample], consistency: &Consistency) -> Option<Estimate> {
     let trusted = trusted(samples, |sample| sample, consistency);
-    estimate(samples[samples.len() - trusted..].iter(), trusted)
+    estimate(&samples[samples.len() - trusted..].iter(), trusted)
 }
 
 /// Merges samples of one place in three channels, oldest first; all channels come from the same samples.
@@ -167,7 +170,7 @@ pub fn merge_rgb(samples: &[[Sample; 3]], consistency: &Consistency) -> Option<[
         .min()
         .unwrap_or(0);
     let newest = &samples[samples.len() - trusted..];
-    let of = |channel: usize| estimate(newest.iter().map(move |rgb| &rgb[channel]), trusted);
+    let of = |channel: usize| estimate(&newest.iter().map(move |rgb| &rgb[channel]), trusted);
     Some([of(0)?, of(1)?, of(2)?])
 }
 
@@ -181,7 +184,7 @@ fn trusted<T>(places: &[T], sample: impl Fn(&T) -> &Sample + Copy, consistency: 
 }
 
 /// The radiance of maximum likelihood of samples that are trusted.
-fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usize) -> Option<Estimate> {
+fn estimate<'a>(samples: &(impl Iterator<Item = &'a Sample> + Clone), trusted: usize) -> Option<Estimate> {
     let measured = samples.clone().any(|sample| sample.clipping == Clipping::None);
     let bound = samples
         .clone()
@@ -190,7 +193,7 @@ fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usiz
     let (radiance, variance, state) = match bound {
         Some(bound) if !measured => (bound.radiance, bound.variance_at(bound.radiance), State::AtLeast),
         Some(_) | None => {
-            let (radiance, variance) = weighted_mean(samples, Sample::variance_at)?;
+            let (radiance, variance) = weighted_mean(samples, Sample::variance_at, ROUNDS)?;
             let state = if measured { State::Measured } else { State::AtMost };
             (radiance, variance, state)
         }
@@ -207,8 +210,9 @@ fn estimate<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, trusted: usiz
 ///
 /// Black samples count as the measurement 0 that they are: leaving them out would brighten the dark.
 fn weighted_mean<'a>(
-    samples: impl Iterator<Item = &'a Sample> + Clone,
+    samples: &(impl Iterator<Item = &'a Sample> + Clone),
     variance: impl Fn(&Sample, f32) -> f32,
+    rounds: usize,
 ) -> Option<(f32, f32)> {
     let mean_at = |merged: Option<f32>| {
         let (mut weights, mut sum) = (0.0, 0.0);
@@ -222,7 +226,7 @@ fn weighted_mean<'a>(
         (sum / weights, 1.0 / weights)
     };
     let (mut mean, mut mean_variance) = mean_at(None);
-    for _ in 0..ROUNDS {
+    for _ in 0..rounds {
         (mean, mean_variance) = mean_at(Some(mean));
     }
     mean.is_finite().then_some((mean, mean_variance))

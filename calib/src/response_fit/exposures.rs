@@ -17,17 +17,17 @@ const FIXED: f64 = 1e8;
 
 /// Logarithms of corrected exposure times, from those of the nominal ones: least squares over the medians of all pairs of
 /// pictures, corrections being small, zero on the whole, and not growing with exposure.
+///
+/// Pictures that share nothing with others keep their time.
 pub(super) fn correct(patches: &FlatPatches, curves: &[ResponseCurve; 3], nominal: &[f64]) -> Vec<f64> {
-    let n = nominal.len();
-    let mean = nominal.iter().sum::<f64>() / n as f64;
-    let mut normal = DMatrix::from_fn(n, n, |i, j| {
-        let fixed = FIXED * (1.0 + (nominal[i] - mean) * (nominal[j] - mean));
-        if i == j { fixed + TIME_DEVIATION.powi(-2) } else { fixed }
-    });
-    let mut right = DVector::zeros(n);
-    let weight = PAIR_DEVIATION.powi(-2) / 3.0;
     let exposures_s: Vec<f64> = nominal.iter().map(|log| log.exp()).collect();
-    for pair in ratios::pair_errors(patches, curves, &exposures_s) {
+    let pairs = ratios::pair_errors(patches, curves, &exposures_s);
+    let n = nominal.len();
+    let mut normal = free_of_scale(nominal, |i| pairs.iter().any(|pair| pair.pictures.contains(&i)));
+    let mut right = DVector::zeros(n);
+    // Channels are three views of one error.
+    let weight = PAIR_DEVIATION.powi(-2) / 3.0;
+    for pair in &pairs {
         let [a, b] = pair.pictures;
         let error = pair.error.ln_1p();
         right[a] += weight * error;
@@ -37,13 +37,25 @@ pub(super) fn correct(patches: &FlatPatches, curves: &[ResponseCurve; 3], nomina
         normal[(a, b)] -= weight;
         normal[(b, a)] -= weight;
     }
-    let corrections = normal
-        .cholesky()
-        .expect("the prior makes the matrix positive definite")
-        .solve(&right);
+    let cholesky = normal.cholesky().expect("the prior makes the matrix positive definite");
+    let corrections = cholesky.solve(&right);
     nominal
         .iter()
         .zip(&corrections)
         .map(|(log, correction)| log + correction)
         .collect()
+}
+
+/// Normal matrix of what holds beforehand. Sum and slope are those of the pictures that are seen: of all, the others would
+/// balance a slope of these.
+fn free_of_scale(nominal: &[f64], is_seen: impl Fn(usize) -> bool) -> DMatrix<f64> {
+    let seen: Vec<usize> = (0..nominal.len()).filter(|&i| is_seen(i)).collect();
+    let mean = seen.iter().map(|&i| nominal[i]).sum::<f64>() / seen.len().max(1) as f64;
+    let mut normal = DMatrix::from_diagonal_element(nominal.len(), nominal.len(), TIME_DEVIATION.powi(-2));
+    for &i in &seen {
+        for &j in &seen {
+            normal[(i, j)] += FIXED * (1.0 + (nominal[i] - mean) * (nominal[j] - mean));
+        }
+    }
+    normal
 }

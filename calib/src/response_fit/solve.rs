@@ -10,7 +10,7 @@ const CODES: usize = 256;
 /// Patches that two pictures must have in common.
 const MIN_PATCHES: usize = 100;
 
-/// Patches within a code and a half that make a quantile good.
+/// Patches within a code that make a quantile good.
 const MIN_NEAR: usize = 8;
 
 /// Largest ratio of two exposures that are compared: of more, too few codes are well exposed in both.
@@ -136,26 +136,22 @@ fn add_matches(pairs: &[[f32; 2]], pictures: [usize; 2], low: f64, matches: &mut
     let [mut a, mut b]: [Vec<f32>; 2] = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect());
     a.sort_by(f32::total_cmp);
     b.sort_by(f32::total_cmp);
-    let near = |sorted: &[f32], code: f64| {
-        let below = |limit: f64| sorted.partition_point(|&mean| f64::from(mean) < limit);
-        below(code + 1.5) - below(code - 1.5)
-    };
+    let rank = |code: f64| a.partition_point(|&mean| f64::from(mean) < code);
     for code in low.ceil() as u16..=HIGHEST_CODE as u16 {
-        let code_a = f64::from(code);
-        let at = a.partition_point(|&mean| f64::from(mean) < code_a);
+        let ranks = rank(f64::from(code) - 1.0)..rank(f64::from(code) + 1.0);
         // At the ends of the common range, noise decides which patches are in it.
-        if at < 2 * MIN_NEAR || at + 2 * MIN_NEAR >= b.len() {
+        let is_inside = ranks.start >= 2 * MIN_NEAR && ranks.end + 2 * MIN_NEAR <= a.len();
+        if !is_inside || ranks.len() < MIN_NEAR {
             continue;
         }
-        let code_b = 0.5 * (f64::from(b[at - 1]) + f64::from(b[at]));
-        let patches = near(&a, code_a).min(near(&b, code_b));
-        if patches >= MIN_NEAR {
-            matches.push(Match {
-                codes: [code_a, code_b],
-                pictures,
-                patches: patches as f64,
-            });
-        }
+        // The same ranks in both: right even where a scene has a few shades only.
+        let mean = |sorted: &[f32]| sorted[ranks.clone()].iter().map(|&code| f64::from(code)).sum::<f64>();
+        let n = ranks.len() as f64;
+        matches.push(Match {
+            codes: [mean(&a) / n, mean(&b) / n],
+            pictures,
+            patches: n,
+        });
     }
 }
 

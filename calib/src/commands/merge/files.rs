@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rgbe_keeps_radiance_to_a_percent() {
+    fn rgbe_keeps_radiance_to_half_a_percent_of_the_brightest_channel() {
         for radiance in [
             [1.0, 0.5, 0.25],
             [1e-3, 2e-3, 1e-3],
@@ -231,11 +231,10 @@ mod tests {
         ] {
             let [r, g, b, e] = rgbe(radiance);
             let scale = 2f32.powi(i32::from(e) - 128 - 8);
+            let largest = radiance.into_iter().fold(0.0, f32::max);
             for (code, value) in [r, g, b].into_iter().zip(radiance) {
-                assert!(
-                    ((f32::from(code) + 0.5) * scale / value - 1.0).abs() < 0.01,
-                    "{radiance:?}"
-                );
+                let error = (f32::from(code) + 0.5) * scale - value;
+                assert!(error.abs() < 0.005 * largest, "{radiance:?}");
             }
         }
         assert_eq!(rgbe([0.0; 3]), [0; 4]);

@@ -10,6 +10,9 @@ use serde::Serialize;
 
 use super::{Response, Series};
 
+/// Exposure-ratio error of a shared curve from which on a curve per channel is recommended.
+const MAX_SHARED_ERROR: f64 = 0.02;
+
 /// What `--json` prints; its keys are an interface.
 #[derive(Serialize)]
 pub(super) struct Report {
@@ -89,6 +92,12 @@ impl Report {
         writeln!(out)
     }
 
+    /// Whether one curve does not explain the pictures.
+    fn channels_differ(&self) -> bool {
+        let ratio = self.response.exposure_ratio.as_ref();
+        self.response.source == "fit" && ratio.is_some_and(|ratio| ratio.pair_median > MAX_SHARED_ERROR)
+    }
+
     pub(super) fn write_table(&self, out: &mut impl Write) -> io::Result<()> {
         writeln!(out, "exposure s  corrected EV  clipped %  black %  main %  picture")?;
         for picture in &self.pictures {
@@ -123,6 +132,9 @@ impl Report {
                 ratio.patches
             )?,
             None => writeln!(out, "exposure-ratio error: no two pictures are well exposed in common")?,
+        }
+        if self.channels_differ() {
+            writeln!(out, "the channels seem to differ: try `--response fit-channels`")?;
         }
         let merged = &self.merged;
         writeln!(

@@ -85,6 +85,39 @@ fn check_prints_every_frame_and_a_summary() {
 }
 
 #[test]
+fn exchanged_cameras_are_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path(), false);
+    // The pictures in which the markers are now claim to be the fixed camera's, which has another size.
+    let list = fs::read_to_string(folder.path().join("frames.csv")).unwrap();
+    let exchanged = list.replacen("\nscene,0", "\nprobe,0", 1);
+    fs::write(folder.path().join("frames.csv"), exchanged).unwrap();
+    let output = run(&["check", &folder.path().display().to_string()]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    let said = stderr(&output);
+    assert!(
+        said.contains(
+            "caused by: cameras `scene` and `probe` are exchanged: a picture of one has the size of the other"
+        ),
+        "{said}"
+    );
+    assert!(said.contains("hint: exchange the two names"), "{said}");
+    // With one size for both it is the markers that tell.
+    let rig = RIG.replacen("size_px = [640, 640]", "size_px = [640, 480]", 1);
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let empty = vec![90; 3 * 640 * 480];
+    let file = folder.path().join("scene/000001.png");
+    image::save_buffer(file, &empty, 640, 480, image::ColorType::Rgb8).unwrap();
+    let output = run(&["check", &folder.path().display().to_string()]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    let said = stderr(&output);
+    assert!(
+        said.contains("none of `1` pictures of `scene` shows markers to locate it by, but `1` of `probe` do"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_lost_frame_is_a_failure() {
     let folder = tempfile::tempdir().unwrap();
     record(folder.path(), true);

@@ -173,6 +173,19 @@ fn a_measured_response_curve_is_read() {
 }
 
 #[test]
+fn a_response_curve_that_falls_is_refused_with_the_code() {
+    let mut values: Vec<f64> = (0..256).map(|code| f64::from(code) / 255.0).collect();
+    values[200] = 0.5;
+    let message = error_of("\"srgb\"", &format!("{values:?}"));
+    assert!(
+        message
+            .contains("line 20: `camera.photometry.response` is not a response curve: the response falls from `0.78")
+            && message.contains("to `0.5` at code `200` (allowed: never decreasing)"),
+        "{message}"
+    );
+}
+
+#[test]
 fn the_ball_may_be_left_out_with_a_fisheye_only() {
     let without_ball = &RIG[..RIG.find("[ball]").expect("a ball")];
     assert_eq!(read(without_ball).expect("a rig").ball, None);

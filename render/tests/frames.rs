@@ -10,6 +10,7 @@ use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
 use mirrorball_render::config::RenderConfig;
+use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
 use mirrorball_render::scene::{Kind, Scene};
@@ -297,4 +298,32 @@ fn the_measured_sky_is_the_sky() {
         .map(|l| l.irradiance.y * l.direction.z.max(0.0))
         .sum();
     assert!((up / (PI * SKY as f32) - 1.0).abs() < 0.03, "{up}");
+}
+
+#[test]
+fn a_frame_of_another_size_is_refused_and_the_next_one_rendered() {
+    let Some(gpu) = support::gpu() else { return };
+    let rig = support::rig();
+    let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(), config()).unwrap();
+    let set = |sequence: u64| FrameSet {
+        frames: vec![
+            support::frame(rig.scene_camera(), sequence, 1, |_| DVec3::splat(0.4 * SKY)),
+            support::frame(rig.probe_camera().unwrap(), sequence, 1, |_| DVec3::splat(SKY)),
+        ],
+    };
+    node.render(&set(1)).unwrap();
+    for index in [0, 1] {
+        let mut changed = set(2);
+        let frame = &mut changed.frames[index];
+        frame.size.height /= 2;
+        frame.pixels = frame.pixels[..3 * frame.size.pixels()].to_vec().into();
+        let expected = format!("`{}`", frame.meta.camera);
+        let error = node.render(&changed).unwrap_err();
+        assert!(
+            matches!(error, RenderError::FrameSize { sequence: 2, .. }) && error.to_string().contains(&expected),
+            "{error}"
+        );
+    }
+    let rendered = node.render(&set(3)).unwrap();
+    assert!(rendered.is_lit && rendered.sequence == 3);
 }

@@ -1,4 +1,4 @@
-//! `check`: the camera's pose in every frame of a recording.
+//! `check`: the camera's pose in every frame of a recording, and whether the pictures are those of the rig's cameras.
 
 use std::{
     io::{self, Write},
@@ -8,15 +8,21 @@ use std::{
 
 use mirrorball_calib::{
     resection::{self, Located, NoPose},
-    rig::Rig,
-    tag::Finder,
+    rig::{
+        Rig,
+        check::{RigCheck, RigMismatch},
+    },
+    tag::{self, Finder},
 };
-use mirrorball_capture::{Frame, Next, Pace, Player, Repeat, Source, SourceError};
+use mirrorball_capture::{Frame, Next, Pace, Player, Repeat, Source, SourceError, source::PictureError};
 
 use super::{CommandError, families, read_rig};
 
 /// How long to wait for a frame before asking again; a recording played as fast as possible never takes that long.
 const TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Pictures of each camera that are compared with the rig.
+const RIG_CHECK_FRAMES: usize = 10;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -35,9 +41,23 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let camera = rig.scene_camera();
     let mut finder = Finder::new(&families(&rig));
     let mut summary = Summary::default();
+    let mut rig_check = RigCheck::new(&rig);
+    let mut n_checked = vec![0; rig.cameras.len()];
     writeln!(out, "   frame  markers  error px   camera in world, mm").map_err(CommandError::Output)?;
     loop {
-        match player.next_frame(TIMEOUT).map_err(failed)? {
+        let next = player
+            .next_frame(TIMEOUT)
+            .map_err(|error| explain(error, &mut rig_check, failed))?;
+        if let Next::Frame(frame) = &next {
+            let index = rig.cameras.iter().position(|camera| *camera.name == *frame.meta.camera);
+            if let Some(n) = index.map(|index| &mut n_checked[index])
+                && *n < RIG_CHECK_FRAMES
+            {
+                *n += 1;
+                rig_check.add(frame).map_err(|source| search_failed(frame, source))?;
+            }
+        }
+        match next {
             Next::Frame(frame) if *frame.meta.camera == *camera.name => {
                 let result = locate(&frame, &rig, &mut finder)?;
                 write_frame(&frame, &result, out).map_err(CommandError::Output)?;
@@ -48,6 +68,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         }
     }
     summary.write(out).map_err(CommandError::Output)?;
+    rig_check.verdict().map_err(mismatch)?;
     if summary.lost > 0 {
         return Err(CommandError::Lost {
             lost: summary.lost,
@@ -62,11 +83,33 @@ fn locate(frame: &Frame, rig: &Rig, finder: &mut Finder) -> Result<Result<Locate
     let size = [frame.size.width as usize, frame.size.height as usize];
     let detections = finder
         .find(&frame.pixels, size, camera)
-        .map_err(|source| CommandError::Search {
-            name: format!("frame {} of {}", frame.meta.sequence, frame.meta.camera),
-            source,
-        })?;
+        .map_err(|source| search_failed(frame, source))?;
     Ok(resection::locate(&detections, rig, &camera.intrinsics))
+}
+
+fn search_failed(frame: &Frame, source: tag::PictureError) -> CommandError {
+    CommandError::Search {
+        name: format!("frame {} of {}", frame.meta.sequence, frame.meta.camera),
+        source,
+    }
+}
+
+fn mismatch(source: RigMismatch) -> CommandError {
+    CommandError::Mismatch { source }
+}
+
+/// What a failure to read a picture says about the rig: pictures of exchanged cameras have each other's size.
+fn explain(
+    error: SourceError,
+    rig_check: &mut RigCheck<'_>,
+    failed: impl Fn(SourceError) -> CommandError,
+) -> CommandError {
+    if let SourceError::BadFrame { camera, source, .. } = &error
+        && let PictureError::WrongSize { found, .. } = &**source
+    {
+        rig_check.add_size(camera, [found.width, found.height]);
+    }
+    rig_check.verdict().map_or_else(mismatch, |()| failed(error))
 }
 
 fn write_frame(frame: &Frame, result: &Result<Located, NoPose>, out: &mut impl Write) -> io::Result<()> {

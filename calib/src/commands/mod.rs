@@ -12,7 +12,7 @@ use std::{
 };
 
 use mirrorball_calib::{
-    rig::{Rig, RigError},
+    rig::{Rig, RigError, check::RigMismatch},
     tag::{Family, PictureError},
 };
 use mirrorball_capture::SourceError;
@@ -56,6 +56,11 @@ pub(crate) enum CommandError {
         #[source]
         source: Box<SourceError>,
     },
+    #[error("the pictures contradict the rig file")]
+    Mismatch {
+        #[source]
+        source: RigMismatch,
+    },
     #[error("`{lost}` of `{frames}` frames have no pose")]
     Lost {
         lost: usize,
@@ -80,7 +85,8 @@ impl CommandError {
             | Self::NoCamera { .. }
             | Self::ReadPicture { .. }
             | Self::Search { .. }
-            | Self::Recording { .. } => ExitCode::from(2),
+            | Self::Recording { .. }
+            | Self::Mismatch { .. } => ExitCode::from(2),
         }
     }
 
@@ -93,6 +99,7 @@ impl CommandError {
             Self::ReadPicture { .. } => Some("give an undamaged PNG or JPEG picture"),
             Self::Search { .. } => Some("`size_px` in the rig file must be the size of the camera's pictures"),
             Self::Recording { source, .. } => Some(source.hint()),
+            Self::Mismatch { source } => Some(source.hint()),
             Self::Lost { .. } => {
                 Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
             }

@@ -1,5 +1,6 @@
 //! The rig: its cameras, its markers and the mirror ball, read from `rig.toml`.
 
+pub mod check;
 mod error;
 mod file;
 

@@ -151,6 +151,8 @@ struct Sums {
     cost: f64,
     gradient: DVec3,
     curvature: DMat3,
+    /// The same of the profiles whose cost is hollow there.
+    hollows: DMat3,
     n_agreeing: usize,
 }
 
@@ -168,6 +170,7 @@ impl Problem<'_> {
             cost: 0.5 * self.prior * growth_px * growth_px,
             gradient: DVec3::Z * (self.prior * growth_px),
             curvature: DMat3::from_diagonal(DVec3::Z * self.prior),
+            hollows: DMat3::from_diagonal(DVec3::Z * self.prior),
             n_agreeing: 0,
         };
         for (profile, costs) in self.profiles.iter() {
@@ -177,7 +180,9 @@ impl Problem<'_> {
             sums.cost += here;
             sums.gradient += row * ((after - before) / (2.0 * NUDGE_PX));
             let bend = (after - 2.0 * here + before) / (NUDGE_PX * NUDGE_PX);
-            sums.curvature += DMat3::from_cols(row * row.x, row * row.y, row * row.z) * bend;
+            let square = DMat3::from_cols(row * row.x, row * row.y, row * row.z);
+            sums.curvature += square * bend;
+            sums.hollows += square * bend.max(0.0);
             sums.n_agreeing += usize::from(costs.agrees(profile, offset_px));
         }
         sums
@@ -195,10 +200,16 @@ impl Problem<'_> {
     }
 
     fn report(&self, cone: &Cone, sums: &Sums) -> ConeFit {
-        let covariance = sums.curvature.inverse();
-        let across = DMat2::from_cols(covariance.x_axis.truncate(), covariance.y_axis.truncate());
-        // At a saddle the evidence does not tell.
-        let is_minimum = across.is_finite() && across.x_axis.x > 0.0 && across.determinant() > 0.0;
+        let across = |curvature: DMat3| {
+            let covariance = curvature.inverse();
+            DMat2::from_cols(covariance.x_axis.truncate(), covariance.y_axis.truncate())
+        };
+        let is_definite = |m: &DMat2| m.is_finite() && m.x_axis.x > 0.0 && m.determinant() > 0.0;
+        // Where ranges of evidence end, the curvature of the sum can be that of a saddle: then only hollows count.
+        let across = Some(across(sums.curvature))
+            .filter(is_definite)
+            .unwrap_or_else(|| across(sums.hollows));
+        let is_minimum = is_definite(&across);
         let covariance_px2 = if is_minimum {
             across + DMat2::from_diagonal(DVec2::splat(COMMON_SIGMA_PX * COMMON_SIGMA_PX))
         } else {

@@ -11,21 +11,21 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::passes::ENVIRONMENT_SIZE;
-use mirrorball_calib::probe::cube::{Cube, FACES, texel_direction, texel_solid_angle};
+use mirrorball_calib::probe::cube::{Cube, FACES, face_direction, texel_direction};
 
 /// Edge of a face of the finest level, texels; a leaf holds 2 × 2 texels of the radiance cube.
 pub const LEAF_SIZE: u32 = ENVIRONMENT_SIZE / 2;
 /// Levels: faces of 64, 32, 16, 8 and 4 nodes an edge.
 pub const LEVELS: u32 = 5;
 /// Edge of a tile of texels that share a list.
-pub const TILE_SIZE: u32 = 8;
+pub const TILE_SIZE: u32 = 4;
 
 /// Light added to every texel where a node's centre is looked for, so that a black node has one.
 const FAINT: f32 = 1e-6;
 /// A node is taken as one light where its edge is at most this share of its distance from the tile.
-const OPENING: f32 = 0.6;
+const OPENING: f32 = 0.8;
 /// The same share of the lobe's width, for nodes near its middle.
-const WIDTH_SHARE: f32 = 0.25;
+const WIDTH_SHARE: f32 = 0.4;
 
 /// Light from a patch of the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -226,7 +226,7 @@ struct Cone {
 }
 
 impl NodeLists {
-    /// Lists for faces of `size` texels, a multiple of [`TILE_SIZE`] or a smaller power of two.
+    /// Lists for faces of `size` texels, a multiple of [`TILE_SIZE`].
     #[must_use]
     pub fn new(size: u32, lobe: Lobe) -> Self {
         let mut lists = Self {
@@ -236,12 +236,11 @@ impl NodeLists {
             entries: Vec::new(),
             scale: Vec::new(),
         };
-        let edge = tile_edge(size);
         let roots = level_size(LEVELS - 1);
         for face in 0..FACES as u32 {
-            for y in (0..size).step_by(edge as usize) {
-                for x in (0..size).step_by(edge as usize) {
-                    let tile = square(size, face, [x, y], edge);
+            for y in (0..size).step_by(TILE_SIZE as usize) {
+                for x in (0..size).step_by(TILE_SIZE as usize) {
+                    let tile = square(size, face, [x, y], TILE_SIZE);
                     let start = lists.entries.len() as u32;
                     for root in 0..FACES as u32 * roots * roots {
                         let place = [root % roots, root / roots % roots];
@@ -284,7 +283,7 @@ impl NodeLists {
 
     /// Tile that texel `index` of the filtered cube lies in.
     fn tile_of(&self, index: usize) -> usize {
-        let (size, edge) = (self.size as usize, tile_edge(self.size) as usize);
+        let (size, edge) = (self.size as usize, TILE_SIZE as usize);
         let (face, y, x) = (index / (size * size), index / size % size, index % size);
         let per_row = size / edge;
         (face * per_row + y / edge) * per_row + x / edge
@@ -308,27 +307,15 @@ impl NodeLists {
     }
 }
 
-/// Edge of a tile of a cube with faces of `size` texels.
-#[must_use]
-pub fn tile_edge(size: u32) -> u32 {
-    size.min(TILE_SIZE)
-}
-
 /// The cone around `edge` × `edge` texels from `place` on.
 fn square(size: u32, face: u32, place: [u32; 2], edge: u32) -> Cone {
     let at = |x: u32, y: u32| {
         let to_face = |t: u32| t as f32 / size as f32 * 2.0 - 1.0;
-        mirrorball_calib::probe::cube::face_direction(face as usize, to_face(x), to_face(y)).normalize()
+        face_direction(face as usize, to_face(x), to_face(y)).normalize()
     };
     let [x, y] = place;
     let corners = [at(x, y), at(x + edge, y), at(x, y + edge), at(x + edge, y + edge)];
     let middle = corners.iter().sum::<Vec3>().normalize();
     let radius_rad = corners.iter().map(|c| c.angle_between(middle)).fold(0.0, f32::max);
     Cone { middle, radius_rad }
-}
-
-/// Solid angle of a node's patch, steradians.
-#[must_use]
-pub fn patch_sr(level: u32, index_in_level: usize) -> f32 {
-    texel_solid_angle(level_size(level), index_in_level)
 }

@@ -164,7 +164,7 @@ impl Lobe {
             }
             Self::Phong { exponent } => {
                 let exponent = exponent / (1.0 + exponent * variance);
-                (exponent + 1.0) * cosine.max(0.0).powf(exponent)
+                exponent * cosine.max(0.0).powf(exponent)
             }
             Self::Cosine => above_horizon(cosine, variance) * (1.0 - variance),
         }
@@ -318,4 +318,82 @@ fn square(size: u32, face: u32, place: [u32; 2], edge: u32) -> Cone {
     let middle = corners.iter().sum::<Vec3>().normalize();
     let radius_rad = corners.iter().map(|c| c.angle_between(middle)).fold(0.0, f32::max);
     Cone { middle, radius_rad }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Node of `level` that a direction falls into.
+    fn node_at(level: u32, direction: Vec3) -> u32 {
+        let size = level_size(level);
+        level_start(level) + Cube::filled(size, 0u8).index_of(direction) as u32
+    }
+
+    #[test]
+    fn a_tree_keeps_all_power_at_every_level() {
+        let mut radiance = Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE);
+        radiance.texels_mut()[12_345] = Vec3::new(1e6, 5e5, 0.0);
+        let tree = LightTree::new(&radiance);
+        let all: Vec3 = (0..radiance.texels().len())
+            .map(|i| radiance.texels()[i] * radiance.solid_angle(i))
+            .sum();
+        for level in 0..LEVELS {
+            let nodes = &tree.nodes[level_start(level) as usize..level_start(level + 1) as usize];
+            let sum: Vec3 = nodes.iter().map(|node| node.power).sum();
+            assert!(
+                ((sum - all) / all).abs().max_element() < 1e-4,
+                "level {level}: {sum}, not {all}"
+            );
+            // The lamp stays where it is.
+            let lamp = &nodes[(node_at(level, radiance.direction(12_345)) - level_start(level)) as usize];
+            assert!(
+                lamp.direction.distance(radiance.direction(12_345)) < 2e-3,
+                "level {level}"
+            );
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn all_light_above_the_horizon_is_summed_once(
+            x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0, texel in 0usize..384, roughness in 0.2f32..1.0,
+        ) {
+            let light = Vec3::new(x, y, z);
+            prop_assume!(light.length() > 0.1);
+            let lists = NodeLists::new(8, Lobe::Ggx { alpha: roughness * roughness });
+            let [start, end] = lists.tiles[lists.tile_of(texel)].map(|entry| entry as usize);
+            let nodes: Vec<u32> = (0..LEVELS).map(|level| node_at(level, light)).collect();
+            let n = lists.entries[start..end].iter().filter(|entry| nodes.contains(entry)).count();
+            let is_above = texel_direction(8, texel).dot(light) > 0.0;
+            prop_assert!(n == 1 || (n == 0 && !is_above), "{n} nodes hold the light");
+        }
+
+        #[test]
+        fn spread_light_weighs_what_its_parts_weigh(angle_rad in 0.0f32..1.2, alpha in 0.05f32..1.0) {
+            // Eight points in a ring have a variance of half their radius squared along each axis.
+            let lobes = [
+                Lobe::Ggx { alpha },
+                Lobe::Phong { exponent: 1.0 / (alpha * alpha) },
+                Lobe::Cosine,
+            ];
+            let middle = Vec3::new(angle_rad.sin(), 0.0, angle_rad.cos());
+            let (a, b) = middle.any_orthonormal_pair();
+            for lobe in lobes {
+                let radius_rad = 0.1 * lobe.width_rad();
+                let part = |i: usize| {
+                    let (sin, cos) = (i as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+                    let point = middle * radius_rad.cos() + (a * cos + b * sin) * radius_rad.sin();
+                    lobe.weight(point.z, 0.0)
+                };
+                let mean = (0..8).map(part).sum::<f32>() / 8.0;
+                let spread = lobe.weight(middle.z, 0.5 * radius_rad * radius_rad);
+                let peak = lobe.weight(1.0, 0.0);
+                prop_assert!((spread - mean).abs() < 2e-3 * peak, "{lobe:?}: {spread}, not {mean}, peak {peak}");
+            }
+        }
+    }
 }

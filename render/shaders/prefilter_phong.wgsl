@@ -7,5 +7,5 @@
 // Light spread by a variance v sees the lobe, which is nearly a Gaussian of variance 1 / n, as one of 1 / n + v.
 fn weights(cosines: vec4f, variance: f32) -> vec4f {
     let exponent = lobe.parameters.x / (1.0 + lobe.parameters.x * variance);
-    return (exponent + 1.0) * pow(max(cosines, vec4f(0.0)), vec4f(exponent));
+    return exponent * pow(max(cosines, vec4f(0.0)), vec4f(exponent));
 }

@@ -11,21 +11,21 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::passes::ENVIRONMENT_SIZE;
-use mirrorball_calib::probe::cube::{Cube, FACES, texel_direction, texel_solid_angle};
+use mirrorball_calib::probe::cube::{Cube, FACES, face_direction, texel_direction};
 
 /// Edge of a face of the finest level, texels; a leaf holds 2 × 2 texels of the radiance cube.
 pub const LEAF_SIZE: u32 = ENVIRONMENT_SIZE / 2;
 /// Levels: faces of 64, 32, 16, 8 and 4 nodes an edge.
 pub const LEVELS: u32 = 5;
 /// Edge of a tile of texels that share a list.
-pub const TILE_SIZE: u32 = 8;
+pub const TILE_SIZE: u32 = 4;
 
 /// Light added to every texel where a node's centre is looked for, so that a black node has one.
 const FAINT: f32 = 1e-6;
 /// A node is taken as one light where its edge is at most this share of its distance from the tile.
-const OPENING: f32 = 0.6;
+const OPENING: f32 = 0.8;
 /// The same share of the lobe's width, for nodes near its middle.
-const WIDTH_SHARE: f32 = 0.25;
+const WIDTH_SHARE: f32 = 0.4;
 
 /// Light from a patch of the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,7 +164,7 @@ impl Lobe {
             }
             Self::Phong { exponent } => {
                 let exponent = exponent / (1.0 + exponent * variance);
-                (exponent + 1.0) * cosine.max(0.0).powf(exponent)
+                exponent * cosine.max(0.0).powf(exponent)
             }
             Self::Cosine => above_horizon(cosine, variance) * (1.0 - variance),
         }
@@ -226,7 +226,7 @@ struct Cone {
 }
 
 impl NodeLists {
-    /// Lists for faces of `size` texels, a multiple of [`TILE_SIZE`] or a smaller power of two.
+    /// Lists for faces of `size` texels, a multiple of [`TILE_SIZE`].
     #[must_use]
     pub fn new(size: u32, lobe: Lobe) -> Self {
         let mut lists = Self {
@@ -236,12 +236,11 @@ impl NodeLists {
             entries: Vec::new(),
             scale: Vec::new(),
         };
-        let edge = tile_edge(size);
         let roots = level_size(LEVELS - 1);
         for face in 0..FACES as u32 {
-            for y in (0..size).step_by(edge as usize) {
-                for x in (0..size).step_by(edge as usize) {
-                    let tile = square(size, face, [x, y], edge);
+            for y in (0..size).step_by(TILE_SIZE as usize) {
+                for x in (0..size).step_by(TILE_SIZE as usize) {
+                    let tile = square(size, face, [x, y], TILE_SIZE);
                     let start = lists.entries.len() as u32;
                     for root in 0..FACES as u32 * roots * roots {
                         let place = [root % roots, root / roots % roots];
@@ -284,7 +283,7 @@ impl NodeLists {
 
     /// Tile that texel `index` of the filtered cube lies in.
     fn tile_of(&self, index: usize) -> usize {
-        let (size, edge) = (self.size as usize, tile_edge(self.size) as usize);
+        let (size, edge) = (self.size as usize, TILE_SIZE as usize);
         let (face, y, x) = (index / (size * size), index / size % size, index % size);
         let per_row = size / edge;
         (face * per_row + y / edge) * per_row + x / edge
@@ -308,17 +307,11 @@ impl NodeLists {
     }
 }
 
-/// Edge of a tile of a cube with faces of `size` texels.
-#[must_use]
-pub fn tile_edge(size: u32) -> u32 {
-    size.min(TILE_SIZE)
-}
-
 /// The cone around `edge` × `edge` texels from `place` on.
 fn square(size: u32, face: u32, place: [u32; 2], edge: u32) -> Cone {
     let at = |x: u32, y: u32| {
         let to_face = |t: u32| t as f32 / size as f32 * 2.0 - 1.0;
-        mirrorball_calib::probe::cube::face_direction(face as usize, to_face(x), to_face(y)).normalize()
+        face_direction(face as usize, to_face(x), to_face(y)).normalize()
     };
     let [x, y] = place;
     let corners = [at(x, y), at(x + edge, y), at(x, y + edge), at(x + edge, y + edge)];
@@ -327,8 +320,80 @@ fn square(size: u32, face: u32, place: [u32; 2], edge: u32) -> Cone {
     Cone { middle, radius_rad }
 }
 
-/// Solid angle of a node's patch, steradians.
-#[must_use]
-pub fn patch_sr(level: u32, index_in_level: usize) -> f32 {
-    texel_solid_angle(level_size(level), index_in_level)
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Node of `level` that a direction falls into.
+    fn node_at(level: u32, direction: Vec3) -> u32 {
+        let size = level_size(level);
+        level_start(level) + Cube::filled(size, 0u8).index_of(direction) as u32
+    }
+
+    #[test]
+    fn a_tree_keeps_all_power_at_every_level() {
+        let mut radiance = Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE);
+        radiance.texels_mut()[12_345] = Vec3::new(1e6, 5e5, 0.0);
+        let tree = LightTree::new(&radiance);
+        let all: Vec3 = (0..radiance.texels().len())
+            .map(|i| radiance.texels()[i] * radiance.solid_angle(i))
+            .sum();
+        for level in 0..LEVELS {
+            let nodes = &tree.nodes[level_start(level) as usize..level_start(level + 1) as usize];
+            let sum: Vec3 = nodes.iter().map(|node| node.power).sum();
+            assert!(
+                ((sum - all) / all).abs().max_element() < 1e-4,
+                "level {level}: {sum}, not {all}"
+            );
+            // The lamp stays where it is.
+            let lamp = &nodes[(node_at(level, radiance.direction(12_345)) - level_start(level)) as usize];
+            assert!(
+                lamp.direction.distance(radiance.direction(12_345)) < 2e-3,
+                "level {level}"
+            );
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn all_light_above_the_horizon_is_summed_once(
+            x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0, texel in 0usize..384, roughness in 0.2f32..1.0,
+        ) {
+            let light = Vec3::new(x, y, z);
+            prop_assume!(light.length() > 0.1);
+            let lists = NodeLists::new(8, Lobe::Ggx { alpha: roughness * roughness });
+            let [start, end] = lists.tiles[lists.tile_of(texel)].map(|entry| entry as usize);
+            let nodes: Vec<u32> = (0..LEVELS).map(|level| node_at(level, light)).collect();
+            let n = lists.entries[start..end].iter().filter(|entry| nodes.contains(entry)).count();
+            let is_above = texel_direction(8, texel).dot(light) > 0.0;
+            prop_assert!(n == 1 || (n == 0 && !is_above), "{n} nodes hold the light");
+        }
+
+        #[test]
+        fn spread_light_weighs_what_its_parts_weigh(angle_rad in 0.0f32..1.2, alpha in 0.05f32..1.0) {
+            // Eight points in a ring have a variance of half their radius squared along each axis.
+            let lobes = [
+                Lobe::Ggx { alpha },
+                Lobe::Phong { exponent: 1.0 / (alpha * alpha) },
+                Lobe::Cosine,
+            ];
+            let middle = Vec3::new(angle_rad.sin(), 0.0, angle_rad.cos());
+            let (a, b) = middle.any_orthonormal_pair();
+            for lobe in lobes {
+                let radius_rad = 0.1 * lobe.width_rad();
+                let part = |i: usize| {
+                    let (sin, cos) = (i as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+                    let point = middle * radius_rad.cos() + (a * cos + b * sin) * radius_rad.sin();
+                    lobe.weight(point.z, 0.0)
+                };
+                let mean = (0..8).map(part).sum::<f32>() / 8.0;
+                let spread = lobe.weight(middle.z, 0.5 * radius_rad * radius_rad);
+                let peak = lobe.weight(1.0, 0.0);
+                prop_assert!((spread - mean).abs() < 2e-3 * peak, "{lobe:?}: {spread}, not {mean}, peak {peak}");
+            }
+        }
+    }
 }

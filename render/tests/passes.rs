@@ -1,5 +1,5 @@
 //! Passes from picture to picture against their CPU twins or against light whose answer is known; those that make maps of
-//! light are in `light_maps.rs`.
+//! light are in `light_maps.rs` and `comparison_maps.rs`.
 
 mod support;
 

@@ -35,7 +35,9 @@ impl Picks {
                 near if near < 0.6 => n / 2000 + 1,
                 _ => n / 600 + 1,
             };
-            (index % step == 0).then(|| (index, step as f32 * texel_solid_angle(size, index)))
+            index
+                .is_multiple_of(step)
+                .then(|| (index, step as f32 * texel_solid_angle(size, index)))
         };
         Self {
             size,

@@ -1,6 +1,6 @@
 //! What Rust and WGSL share: the same structs on both sides, compared member by member in a test.
 
-use crate::light_tree::{Lobe, tile_edge};
+use crate::light_tree::Lobe;
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, Mat3, Mat4, Vec4};
 use mirrorball_calib::camera::LensModel;
@@ -183,8 +183,8 @@ pub struct GpuStrong {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuLobe {
-    /// x: GGX alpha or Phong exponent, 0 for the cosine; y: edge of a face of the filtered cube, texels; z: edge of a
-    /// tile, texels; w: factor of the result.
+    /// x: GGX alpha or Phong exponent, 0 for the cosine; y: edge of a face of the filtered cube, texels; z: factor of
+    /// the result; w: unused.
     pub parameters: Vec4,
 }
 
@@ -198,7 +198,7 @@ impl GpuLobe {
             Lobe::Cosine => 0.0,
         };
         Self {
-            parameters: Vec4::new(parameter, size as f32, tile_edge(size) as f32, factor),
+            parameters: Vec4::new(parameter, size as f32, factor, 0.0),
         }
     }
 }

@@ -16,8 +16,8 @@ use mirrorball_calib::probe::cube::FACES;
 /// Angle swept about each axis, radians: √3. A sweep of w has the variance w² / 12; the three together spread every
 /// direction by twice that along either axis, which is the cosine lobe's own 1/2 - 1/4.
 pub const SWEEP_RAD: f32 = 1.732_050_8;
-/// Steps of a sweep, 6° each.
-pub const STEPS: u32 = 16;
+/// Steps of a sweep, 2° each: less than a texel, so that a lamp leaves no rings.
+pub const STEPS: u32 = 48;
 
 /// The pass, bound to a set of environments.
 #[derive(Debug)]

@@ -5,10 +5,10 @@ use crate::environments::{Environments, faces_view};
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
 use crate::gpu::types::GpuLobe;
-use crate::light_tree::{Lobe, NodeLists, tile_edge};
+use crate::light_tree::{Lobe, NodeLists};
 
-/// Threads of a workgroup; each takes 2 × 2 texels.
-const GROUP_THREADS: u32 = 64;
+/// Tiles of a workgroup; sixteen threads share the nodes of each.
+const GROUP_TILES: u32 = 4;
 
 /// What is written.
 #[derive(Debug, Clone, Copy)]
@@ -47,7 +47,7 @@ impl LobeSum {
             let tiles = gpu.buffer(&label("tiles"), &lists.tiles);
             let entries = gpu.buffer(&label("entries"), &lists.entries);
             let scale = gpu.buffer(&label("scale"), &lists.scale);
-            let threads = lists.tiles.len() as u32 * (tile_edge(size) / 2).pow(2);
+            let groups = (lists.tiles.len() as u32).div_ceil(GROUP_TILES);
             for &slot in slots {
                 let out = output.texture.create_view(&faces_view(slot, mip));
                 let bindings = gpu.bind(
@@ -62,7 +62,7 @@ impl LobeSum {
                         wgpu::BindingResource::TextureView(&out),
                     ],
                 );
-                dispatches.push((threads.div_ceil(GROUP_THREADS), bindings));
+                dispatches.push((groups, bindings));
             }
         }
         Self {

@@ -1,6 +1,7 @@
 //! What the tests of the passes share: a device, a small rig, meshes, pictures of analytic light, results read back.
 #![allow(dead_code, reason = "each test program uses its part of this")]
 
+pub(crate) mod maps;
 pub(crate) mod stage;
 
 use std::io::Write;

@@ -62,12 +62,10 @@ pub(crate) enum CommandError {
         source: RigMismatch,
     },
     #[error("`{lost}` of `{frames}` frames have no pose")]
-    Lost {
-        lost: usize,
-        frames: usize,
-    },
+    Lost { lost: usize, frames: usize },
     #[error(transparent)]
     Merge(#[from] merge::MergeError),
+    #[error(transparent)]
     Probe(#[from] probe::ProbeError),
     #[error("cannot write the result")]
     Output(#[source] io::Error),

@@ -14,8 +14,9 @@ use mirrorball_calib::{
 };
 
 use super::canvas::{BLACK, Ink, LETTER_PX, LINE_PX, WHITE, fill, put, text};
-use super::measure::{Measured, Seen};
+use super::measure::Measured;
 use super::report::{Figures, FoundLight, height_deg};
+use mirrorball_calib::probe::radiance_map::Seen;
 
 /// Pixels of the chart per pixel of the equirectangular map, each way.
 const SCALE: u32 = 2;

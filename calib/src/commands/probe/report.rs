@@ -9,8 +9,9 @@ use mirrorball_calib::{
 };
 use serde::Serialize;
 
-use super::measure::{Measured, Seen};
+use super::measure::Measured;
 use super::taken::Taken;
+use mirrorball_calib::probe::radiance_map::Seen;
 
 /// A light of the map.
 #[derive(Debug, Clone, Copy)]

@@ -9,7 +9,7 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
-use mirrorball_render::config::RenderConfig;
+use mirrorball_render::config::{DiffuseMethod, RenderConfig, SpecularMethod};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
 use mirrorball_render::scene::{Kind, Scene};
@@ -168,6 +168,49 @@ fn a_mirror_in_a_uniform_sky_vanishes() {
     let errors = Errors::of("mirror", radiance.iter().map(|l| (*l - 1.0).abs().max_element()));
     // Half a code of each camera, and the clipping red of a camera whose colours are not the rig's.
     assert!(errors.mean < 0.01 && errors.worst < 0.02, "{errors:?}");
+}
+
+#[test]
+fn every_method_of_light_shows_a_uniform_sky() {
+    let (center_m, radius_m, albedo) = (Vec3::new(0.03, 0.02, 0.12), 0.04, 0.8);
+    let methods = [
+        (DiffuseMethod::CosineCube, SpecularMethod::Phong),
+        (DiffuseMethod::Sh9, SpecularMethod::SphereMap),
+        (DiffuseMethod::SeparableBlur, SpecularMethod::Highlight),
+        (DiffuseMethod::Cylindrical, SpecularMethod::Ggx),
+        (DiffuseMethod::SphereMap, SpecularMethod::SphereMap),
+    ];
+    for (diffuse, specular) in methods {
+        for (material, expected) in [
+            (support::diffuse(albedo), albedo),
+            // Nothing of a uniform sky is a highlight.
+            (
+                support::mirror(),
+                if specular == SpecularMethod::Highlight {
+                    0.0
+                } else {
+                    1.0
+                },
+            ),
+        ] {
+            let Some(gpu) = support::gpu() else { return };
+            let mut config = config();
+            (config.light.diffuse, config.light.specular) = (diffuse, specular);
+            let sphere = support::sphere(center_m, radius_m, 32, material);
+            let shot = render(gpu, support::scene([("sphere", Kind::Virtual, sphere)]), config);
+            let radiance = shot.radiance_on((center_m, radius_m), 0.9);
+            let errors = Errors::of(
+                &format!("{diffuse:?}, {specular:?}, {expected} of the sky"),
+                radiance.iter().map(|l| (*l - expected).abs().max_element()),
+            );
+            assert!(errors.n > 1000, "{errors:?}");
+            // Half a code of each camera; shadows as with lights: the share that they take at their terminators.
+            assert!(
+                errors.mean < 0.015 && errors.worst < 0.04,
+                "{diffuse:?}, {specular:?}: {errors:?}"
+            );
+        }
+    }
 }
 
 const SPHERE_RADIUS_M: f32 = 0.03;

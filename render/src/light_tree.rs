@@ -392,7 +392,8 @@ mod tests {
                 let mean = (0..8).map(part).sum::<f32>() / 8.0;
                 let spread = lobe.weight(middle.z, 0.5 * radius_rad * radius_rad);
                 let peak = lobe.weight(1.0, 0.0);
-                prop_assert!((spread - mean).abs() < 2e-3 * peak, "{lobe:?}: {spread}, not {mean}, peak {peak}");
+                // What the Laplacian leaves out is of fourth order: for the widest lobes about 0.2 % of the peak.
+                prop_assert!((spread - mean).abs() < 4e-3 * peak, "{lobe:?}: {spread}, not {mean}, peak {peak}");
             }
         }
     }

@@ -9,7 +9,7 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
-use mirrorball_render::config::RenderConfig;
+use mirrorball_render::config::{DiffuseMethod, RenderConfig, SpecularMethod};
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
@@ -171,6 +171,49 @@ fn a_mirror_in_a_uniform_sky_vanishes() {
     assert!(errors.mean < 0.01 && errors.worst < 0.02, "{errors:?}");
 }
 
+#[test]
+fn every_method_of_light_shows_a_uniform_sky() {
+    let (center_m, radius_m, albedo) = (Vec3::new(0.03, 0.02, 0.12), 0.04, 0.8);
+    let methods = [
+        (DiffuseMethod::CosineCube, SpecularMethod::Phong),
+        (DiffuseMethod::Sh9, SpecularMethod::SphereMap),
+        (DiffuseMethod::SeparableBlur, SpecularMethod::Highlight),
+        (DiffuseMethod::Cylindrical, SpecularMethod::Ggx),
+        (DiffuseMethod::SphereMap, SpecularMethod::SphereMap),
+    ];
+    for (diffuse, specular) in methods {
+        for (material, expected) in [
+            (support::diffuse(albedo), albedo),
+            // Nothing of a uniform sky is a highlight.
+            (
+                support::mirror(),
+                if specular == SpecularMethod::Highlight {
+                    0.0
+                } else {
+                    1.0
+                },
+            ),
+        ] {
+            let Some(gpu) = support::gpu() else { return };
+            let mut config = config();
+            (config.light.diffuse, config.light.specular) = (diffuse, specular);
+            let sphere = support::sphere(center_m, radius_m, 32, material);
+            let shot = render(gpu, support::scene([("sphere", Kind::Virtual, sphere)]), config);
+            let radiance = shot.radiance_on((center_m, radius_m), 0.9);
+            let errors = Errors::of(
+                &format!("{diffuse:?}, {specular:?}, {expected} of the sky"),
+                radiance.iter().map(|l| (*l - expected).abs().max_element()),
+            );
+            assert!(errors.n > 1000, "{errors:?}");
+            // Half a code of each camera; shadows as with lights: the share that they take at their terminators.
+            assert!(
+                errors.mean < 0.015 && errors.worst < 0.04,
+                "{diffuse:?}, {specular:?}: {errors:?}"
+            );
+        }
+    }
+}
+
 const SPHERE_RADIUS_M: f32 = 0.03;
 const SPHERE_HEIGHT_M: f32 = 0.06;
 
@@ -325,5 +368,5 @@ fn a_frame_of_another_size_is_refused_and_the_next_one_rendered() {
         );
     }
     let rendered = node.render(&set(3)).unwrap();
-    assert!(rendered.is_lit && rendered.sequence == 3);
+    assert!(rendered.light.is_some() && rendered.sequence == 3);
 }

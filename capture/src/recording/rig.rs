@@ -150,6 +150,22 @@ mod tests {
     }
 
     #[test]
+    fn several_cameras_may_film_the_light() {
+        let text = camera("a", "scene", "[640, 480]")
+            + &camera("b", "fisheye", "[640, 640]")
+            + &camera("c", "ball", "[320, 240]")
+            + &camera("d", "ball", "[320, 240]");
+        let roles: Vec<CameraRole> = parse(&text).unwrap().iter().map(|camera| camera.role).collect();
+        let expected = [
+            CameraRole::Scene,
+            CameraRole::Fisheye,
+            CameraRole::Ball,
+            CameraRole::Ball,
+        ];
+        assert_eq!(roles, expected);
+    }
+
+    #[test]
     fn every_bad_value_is_named() {
         let cases = [
             (camera("", "scene", "[1, 1]"), "`name`"),

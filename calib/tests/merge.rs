@@ -157,9 +157,11 @@ fn a_list_gives_pictures_and_exposures() {
         &out,
     );
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    // All channels are alike here, but noise makes no two curves equal bit for bit unless the codes are.
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert!(table.contains("  6.400000  ") && table.contains("3.png"), "{table}");
+    // All channels are alike here, and so are their curves.
     let toml = fs::read_to_string(out.join("response.toml")).unwrap();
-    assert!(toml.contains("response"), "{toml}");
+    assert!(toml.contains("response = ["), "{toml}");
 }
 
 /// Runs and expects exit code 2 with this on standard error, and no picture.

@@ -5,7 +5,7 @@
 //!
 //! The radiance is the one of maximum likelihood: the mean of the unclipped samples weighted by the inverse of their
 //! variances, where each variance is the one that the *merged* radiance would cause, found by iteration (Granados et al.
-//! 2010, "Optimal HDR reconstruction with linear digital cameras", eq. 6 to 8; Robertson et al. 2003 for inverse-variance
+//! 2010, "Optimal HDR reconstruction with linear digital cameras"; Robertson et al. 2003 for inverse-variance
 //! weights from the response). A sample's own value must not set its weight: low outliers would count for more.
 //!
 //! A clipped sample says "at least", a black one "at most". Samples that contradict each other show that something has
@@ -18,7 +18,8 @@ pub mod noise;
 pub(crate) mod simulate;
 pub mod stack;
 
-/// Rounds of weighting by the merged radiance: after the second, weights change by less than a thousandth.
+/// Rounds of weighting by the merged radiance: eight more change it by less than 0.05 % (simulated, 5 standard deviations of
+/// read noise and up).
 const ROUNDS: usize = 2;
 
 /// The same where only contradictions are looked for.

@@ -1,7 +1,7 @@
 //! Whether something has moved between two exposures, region by region.
 //!
 //! A single pixel cannot tell motion from bad luck, a region can: it has moved when too many of its pixels differ by more than
-//! noise explains (Gallo et al. 2009, "Artifact-free high dynamic range imaging", section 3.1, which asks the same of patches,
+//! noise explains (Gallo et al. 2009, "Artifact-free high dynamic range imaging", which asks the same of patches,
 //! with the noise of the response curve in log exposure).
 
 use super::{Clipping, Sample};

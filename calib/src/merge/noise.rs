@@ -8,7 +8,7 @@
 //! ```
 //!
 //! with q the width of the code on the scale of y (Granados et al. 2010, "Optimal HDR reconstruction with linear digital
-//! cameras", eq. 3 to 5, without dark current; uniform quantisation error: Widrow 1956). Where a response is flat, in a soft
+//! cameras", without dark current; uniform quantisation error: Widrow 1956). Where a response is flat, in a soft
 //! shoulder say, q is wide and the sample counts for little.
 
 use mirrorball_capture::frame::Exposure;

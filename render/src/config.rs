@@ -45,6 +45,8 @@ pub struct ProbeConfig {
     pub change_ratio: f32,
     /// Whether the ball's outline in the pictures corrects its place.
     pub outline: Outline,
+    /// Whether the scene camera's picture shows what no probe sees.
+    pub scene_camera: SceneCamera,
 }
 
 /// How directions become places in the probe's picture, by name.
@@ -56,6 +58,16 @@ pub enum MappingName {
     Exact,
     /// [`Mapping::Simple`], with the key `wrap`.
     Simple,
+}
+
+/// What the scene camera's picture is used for beside papers and phantoms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SceneCamera {
+    /// It shows what no probe sees, before the nearest known light stands in for it.
+    Fills,
+    /// Nothing: light comes from the probe alone.
+    Ignored,
 }
 
 /// What the ball's outline is used for.
@@ -102,6 +114,7 @@ impl Default for ProbeConfig {
             average_frames: 8,
             change_ratio: 0.08,
             outline: Outline::Corrects,
+            scene_camera: SceneCamera::Fills,
         }
     }
 }

@@ -69,6 +69,9 @@ pub enum RenderError {
         /// Its `max_angle_deg`.
         angle_deg: f64,
     },
+    /// The pictures are not those of the rig.
+    #[error("the pictures do not fit the rig")]
+    RigMismatch(#[from] mirrorball_calib::rig::check::RigMismatch),
     /// The rig lacks what the light probe needs.
     #[error("the rig has no light probe")]
     NoProbe(#[from] mirrorball_calib::probe::NoProbe),
@@ -178,6 +181,7 @@ impl RenderError {
             Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
             Self::TooLarge { .. } => Some("lower it in the rig, the scene or `render.toml`".into()),
             Self::LensTooWide { .. } => Some("use a lens up to 80° off axis for the scene camera".into()),
+            Self::RigMismatch(mismatch) => Some(mismatch.hint().into()),
             Self::NoProbe(_) => Some("add a `[ball]` or a camera with the role `fisheye` to the rig".into()),
             Self::Recording { source, .. } => Some(source.hint().into()),
             Self::Handover { source, .. } => Some(source.hint().into()),
@@ -207,6 +211,7 @@ impl RenderError {
             | Self::Rig(_)
             | Self::TooLarge { .. }
             | Self::LensTooWide { .. }
+            | Self::RigMismatch(_)
             | Self::NoProbe(_)
             | Self::Recording { .. }
             | Self::NoSceneFrame { .. }

@@ -34,10 +34,12 @@ impl RenderNode {
     ///
     /// # Errors
     /// [`RenderError::FrameSize`] or [`RenderError::NoSceneFrame`] for frames that the rig does not know,
+    /// [`RenderError::RigMismatch`] when the first frames show that cameras are exchanged or have moved,
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn render(&mut self, set: &FrameSet) -> Result<RenderedFrame, RenderError> {
         let started = Instant::now();
         let frame = self.scene_frame(set)?;
+        self.check_rig(set)?;
         self.timer.start_frame();
         let mut stages_ms = Vec::with_capacity(24);
 

@@ -38,6 +38,9 @@ pub enum BlindView {
     /// The ball is out of the picture or wholly hidden.
     #[error("the probe is not in the picture")]
     NotSeen,
+    /// No outline where the ball should be.
+    #[error("the ball's outline is not where the ball should be: it is hidden, or elsewhere")]
+    Hidden,
     /// Everything is clipped.
     #[error("the probe's picture is clipped all over")]
     Clipped,
@@ -54,12 +57,19 @@ impl RenderNode {
         frame: &Frame,
         pose: Option<&Pose>,
     ) -> Result<(), RenderError> {
-        self.find_ball(set, frame, pose)?;
-        let looking: Vec<Looking<'_>> = self
+        let hidden = self.find_ball(set, frame, pose)?;
+        let mut looking: Vec<Looking<'_>> = self
             .looking(set, frame, pose)?
             .into_iter()
             .filter(|view| self.is_new(view, pose.is_some()))
             .collect();
+        // A first light that may be wrong is better than none, if nothing else shows any.
+        if self.light.is_some() || looking.iter().any(|view| !hidden.contains(&view.camera)) {
+            looking.retain(|view| !hidden.contains(&view.camera));
+        }
+        if let Some(&camera) = hidden.first() {
+            self.blind = Some((self.rig.cameras[camera].name.clone(), BlindView::Hidden));
+        }
         if looking.is_empty() {
             self.light_age += 1;
             return Ok(());
@@ -80,7 +90,9 @@ impl RenderNode {
                 break;
             }
         }
-        self.blind = None;
+        if hidden.is_empty() {
+            self.blind = None;
+        }
         self.light_age = 0;
         Ok(())
     }
@@ -158,10 +170,11 @@ impl RenderNode {
         Ok(looking)
     }
 
-    /// Lets the ball's outline in every new picture correct its place.
-    fn find_ball(&mut self, set: &FrameSet, frame: &Frame, pose: Option<&Pose>) -> Result<(), RenderError> {
+    /// Lets the ball's outline in every new picture correct its place; gives the cameras that do not show it.
+    fn find_ball(&mut self, set: &FrameSet, frame: &Frame, pose: Option<&Pose>) -> Result<Vec<usize>, RenderError> {
+        let mut hidden = Vec::new();
         if self.config.probe.outline == Outline::Ignored {
-            return Ok(());
+            return Ok(hidden);
         }
         let is_ball = |view: &Looking<'_>| matches!(view.optics, ProbeOptics::MirrorBall { .. });
         let views: Vec<Looking<'_>> = self
@@ -170,14 +183,17 @@ impl RenderNode {
             .filter(|view| is_ball(view) && self.is_new(view, pose.is_some()))
             .collect();
         let Some(place) = &mut self.ball_place else {
-            return Ok(());
+            return Ok(hidden);
         };
         for view in views {
             let camera = &self.rig.cameras[view.camera];
             let seen = place.see(&view_of(camera, view.frame, view.camera_from_world));
             tracing::trace!(camera = camera.name, ?seen, "outline of the ball");
+            if seen.is_err() {
+                hidden.push(view.camera);
+            }
         }
-        Ok(())
+        Ok(hidden)
     }
 
     /// Whether a picture was not taken in yet, or only now surfaces can be read beside it.

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use mirrorball_calib::camera::LensModel;
+use mirrorball_calib::rig::check::RigCheck;
 use mirrorball_calib::rig::{Camera, Rig, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
 
@@ -100,6 +101,8 @@ pub struct RenderNode {
     pub(crate) rig: Rig,
     pub(crate) config: RenderConfig,
     pub(crate) work: Work,
+    /// Frame sets that were compared with the rig.
+    pub(crate) checked_sets: u32,
     pub(crate) occluders: Occluders,
     pub(crate) tracker: Tracker,
     pub(crate) probe: LightProbe,
@@ -213,6 +216,7 @@ impl RenderNode {
             rig,
             config,
             work: Work::Everything,
+            checked_sets: 0,
             occluders,
             probe,
             bounds,
@@ -267,6 +271,22 @@ impl RenderNode {
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn local_light(&self) -> Result<Vec<(String, mirrorball_calib::probe::cube::Cube<Vec3>)>, RenderError> {
         self.environments.read(&self.gpu)
+    }
+
+    /// Looks at the first frame sets for cameras that are exchanged or have moved.
+    pub(crate) fn check_rig(&mut self, set: &FrameSet) -> Result<(), RenderError> {
+        /// A set in which the markers cannot be seen tells nothing, so a few are asked.
+        const CHECKED_SETS: u32 = 3;
+        if self.checked_sets >= CHECKED_SETS || self.rig.probe_camera().is_none() {
+            return Ok(());
+        }
+        self.checked_sets += 1;
+        let mut check = RigCheck::new(&self.rig);
+        for frame in &set.frames {
+            // A picture of the wrong size is refused with its own error, where it is used.
+            let _ = check.add(frame);
+        }
+        Ok(check.verdict()?)
     }
 
     /// The scene camera's frame of a set, checked against the rig.

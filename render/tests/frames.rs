@@ -9,7 +9,7 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
-use mirrorball_render::config::{DiffuseMethod, RenderConfig, SpecularMethod};
+use mirrorball_render::config::{DiffuseMethod, RenderConfig, SceneCamera, SpecularMethod};
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
@@ -32,6 +32,8 @@ fn config() -> RenderConfig {
     let mut config = RenderConfig::default();
     config.probe.room_distance_m = 50.0;
     config.probe.cube_size = 64;
+    // The ground with its markers is to be light from nowhere: the sky goes on below.
+    config.probe.scene_camera = SceneCamera::Ignored;
     config
 }
 

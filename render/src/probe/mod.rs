@@ -16,7 +16,7 @@ use mirrorball_calib::probe::radiance_map::Seen;
 use mirrorball_calib::probe::{ProbeOptics, View, fill};
 use mirrorball_calib::rig::Rig;
 
-use crate::config::{ProbeConfig, RenderConfig};
+use crate::config::{ProbeConfig, RenderConfig, SceneCamera};
 use crate::scene::occluders::Occluders;
 use clipped::{StrongRegion, strong_regions};
 use meter::{KnownLight, LightMeter, MAX_REGIONS, MeterFit};
@@ -157,7 +157,9 @@ impl LightProbe {
     ) -> Light {
         let views: Vec<(&[Vec4], &ViewNoise)> = sightings.iter().map(|s| (s.texels, s.noise)).collect();
         self.fusion.take(&views);
-        if let Some((view, noise)) = scene {
+        if let Some((view, noise)) = scene
+            && self.config.scene_camera == SceneCamera::Fills
+        {
             self.look_from_camera(view, noise, occluders);
         }
         self.n_updates += 1;

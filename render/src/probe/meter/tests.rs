@@ -142,7 +142,10 @@ fn measure(spots: Vec<Spot>, lamps: &[Lamp]) -> (Vec<f32>, Vec<f32>, MeterFit) {
 }
 
 fn assert_near(found: f32, expected: f32, tolerance: f32) {
-    assert!((found / expected - 1.0).abs() < tolerance, "{found} instead of {expected}");
+    assert!(
+        (found / expected - 1.0).abs() < tolerance,
+        "{found} instead of {expected}"
+    );
 }
 
 #[test]

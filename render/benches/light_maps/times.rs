@@ -12,7 +12,7 @@ use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::types::{GpuCamera, GpuProbe};
 use mirrorball_render::light_maps::LightMaps;
 use mirrorball_render::passes::ENVIRONMENT_SIZE;
-use mirrorball_render::passes::radiance_map::{RadianceMap, gpu_probe};
+use mirrorball_render::passes::radiance_map::{CubePlace, RadianceMap, gpu_probe};
 use mirrorball_render::probe::surroundings::NOTHING_M;
 use mirrorball_render::scene_gpu::PictureBuffers;
 
@@ -103,7 +103,15 @@ impl Ball {
             reflectance: Vec3::splat(0.8),
         };
         Self {
-            probe: gpu_probe(&optics, camera.position_m.truncate(), &config, 2.0),
+            probe: gpu_probe(
+                &optics,
+                camera.position_m.truncate(),
+                &config,
+                CubePlace {
+                    origin_m: optics.position_m(),
+                    room_m: 2.0,
+                },
+            ),
             pass: RadianceMap::new(&stage.gpu, &Cube::filled(ENVIRONMENT_SIZE, NOTHING_M)),
             camera,
             picture,

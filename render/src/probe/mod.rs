@@ -192,11 +192,10 @@ impl LightProbe {
             residual = meter.residual,
             "light read off surfaces"
         );
-        for (texels, missing) in &meter.missing {
-            tracing::trace!(n = texels.len(), %missing, "missing");
-            for &(texel, brightness) in texels {
-                far.texels_mut()[texel] += brightness * *missing;
-                radiance.texels_mut()[texel] += brightness * *missing;
+        for missing in &meter.missing {
+            for &(texel, brightness) in &missing.texels {
+                far.texels_mut()[texel] += brightness * missing.radiance;
+                radiance.texels_mut()[texel] += brightness * missing.radiance;
             }
         }
         let mut distance_m = self.near_m.map(|_| room_m);

@@ -82,12 +82,20 @@ pub struct StrongLight {
     pub distance_sigma: f32,
 }
 
+/// Radiance that clipping hid, in one pattern.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MissingLight {
+    /// Texels of the cube with their brightness in the pattern.
+    pub texels: Vec<(usize, f32)>,
+    /// Radiance of brightness 1, linear RGB; zero where a channel is not clipped.
+    pub radiance: Vec3,
+}
+
 /// What the readings say about the light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeterFit {
-    /// Radiance to be added to texels of the clipped regions, pattern by pattern: texels with their brightness, and the
-    /// radiance of brightness 1; zero where a channel is not clipped.
-    pub missing: Vec<(Vec<(usize, f32)>, Vec3)>,
+    /// Radiance to be added to the clipped regions, pattern by pattern.
+    pub missing: Vec<MissingLight>,
     /// The strong regions, in the order they were given.
     pub lights: Vec<StrongLight>,
     /// Median of |measured - explained| / measured over the papers' readings and channels.

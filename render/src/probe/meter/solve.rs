@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::super::clipped::Price;
+use super::MissingLight;
 use super::least_squares::{Solution, Unknowns};
 use super::shapes::{PatternKind, RegionShape, Sample};
 use super::spots::Reflectance;
@@ -143,7 +144,7 @@ impl Rows {
     }
 
     /// Missing radiance of every pattern, and the papers' median relative residual.
-    pub(super) fn explain(&self, distances_m: &[f32]) -> (Vec<(Vec<(usize, f32)>, Vec3)>, f32) {
+    pub(super) fn explain(&self, distances_m: &[f32]) -> (Vec<MissingLight>, f32) {
         let responses = self.responses(distances_m);
         let mut missing = vec![Vec3::ZERO; self.n_patterns];
         let mut residuals = Vec::new();
@@ -162,7 +163,13 @@ impl Rows {
         }
         residuals.sort_by(f32::total_cmp);
         let patterns = self.shapes.iter().flat_map(|shape| &shape.patterns);
-        let missing = patterns.map(|pattern| pattern.texels.clone()).zip(missing).collect();
+        let missing = patterns
+            .zip(missing)
+            .map(|(pattern, radiance)| MissingLight {
+                texels: pattern.texels.clone(),
+                radiance,
+            })
+            .collect();
         (missing, residuals.get(residuals.len() / 2).copied().unwrap_or(0.0))
     }
 

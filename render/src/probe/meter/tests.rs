@@ -125,9 +125,9 @@ fn measure(spots: Vec<Spot>, lamps: &[Lamp]) -> (Vec<f32>, Vec<f32>, MeterFit) {
     let distances = question.distances_m(2.0, &vec![None; lamps.len()]);
     let fit = question.explain(&distances);
     let mut full = far.clone();
-    for (texels, missing) in &fit.missing {
-        for &(i, brightness) in texels {
-            full.texels_mut()[i] += brightness * *missing;
+    for missing in &fit.missing {
+        for &(i, brightness) in &missing.texels {
+            full.texels_mut()[i] += brightness * missing.radiance;
         }
     }
     let irradiance = |region: &StrongRegion| {

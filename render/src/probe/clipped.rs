@@ -20,6 +20,9 @@ pub struct StrongRegion {
     pub channels: [bool; 3],
     /// What it costs to add radiance.
     pub price: Price,
+    /// Radiance that its brighter surroundings, which another view measured, have beyond its own; `None` where they are
+    /// darker.
+    pub beyond: Option<Vec3>,
 }
 
 /// Reluctance to add radiance to a region: `at_zero` squared standard deviations per unit for the first, less and less
@@ -139,6 +142,7 @@ fn region(texels: Vec<usize>, clipped: &Cube<u8>, far: &Cube<Vec3>) -> StrongReg
     };
     let price = price(&texels, far);
     StrongRegion {
+        beyond: beyond(&texels, &core, far),
         channels: [0, 1, 2].map(|c| bits >> c & 1 == 1),
         core,
         texels,
@@ -151,6 +155,27 @@ fn mean_luminance(far: &Cube<Vec3>) -> f32 {
         .map(|i| luminance(far.texels()[i]) * far.solid_angle(i))
         .sum();
     sum / (4.0 * PI)
+}
+
+/// What the measured surroundings of a clipped region have beyond it: where one view clips and a darker one shows the rest
+/// of the same ceiling, the ceiling goes on.
+fn beyond(texels: &[usize], core: &[usize], far: &Cube<Vec3>) -> Option<Vec3> {
+    /// Texels between the region, whose outermost are mixed, and the surroundings that are looked at.
+    const GAP: usize = 4;
+    /// Share of the surroundings that must be as bright.
+    const LEAST_SHARE: f32 = 0.25;
+    if core.is_empty() {
+        return None;
+    }
+    let mean = |texels: &[usize]| texels.iter().map(|&i| far.texels()[i]).sum::<Vec3>() / texels.len().max(1) as f32;
+    let own = mean(core);
+    let ring = ring(far, texels, GAP);
+    let bright: Vec<usize> = ring
+        .iter()
+        .copied()
+        .filter(|&i| luminance(far.texels()[i]) > luminance(own))
+        .collect();
+    (bright.len() as f32 > LEAST_SHARE * ring.len() as f32).then(|| (mean(&bright) - own).max(Vec3::ZERO))
 }
 
 /// Price of a unit of radiance in a region that fades into its surroundings: high where the light [`RING_RAD`] outside is
@@ -211,10 +236,30 @@ mod tests {
             core: texels.to_vec(),
             channels: [true; 3],
             price: Price::NONE,
+            beyond: None,
         };
         let mut regions = vec![region(&[1, 2, 3]), region(&[3, 4]), region(&[2, 3])];
         divide_shared(&mut regions);
         assert_eq!(regions, [region(&[1, 2, 3]), region(&[4])]);
+    }
+
+    #[test]
+    fn a_clipped_patch_of_a_measured_ceiling_is_expected_to_go_on_as_it() {
+        let mut far = Cube::filled(32, Vec3::splat(0.4));
+        let mut clipped = Cube::filled(32, 0u8);
+        for i in 0..far.texels().len() {
+            let d = far.direction(i);
+            if d.z > 0.8 {
+                far.texels_mut()[i] = Vec3::new(2.4, 2.5, 2.6);
+            }
+            if d.dot(Vec3::new(0.3, 0.0, 1.0).normalize()) > 0.99 {
+                far.texels_mut()[i] = Vec3::splat(2.0);
+                clipped.texels_mut()[i] = 0b11_1111;
+            }
+        }
+        let regions = strong_regions(&clipped, &Cube::filled(32, NOTHING_M), &far);
+        let patch = regions.iter().find(|region| !region.core.is_empty()).unwrap();
+        assert!((patch.beyond.unwrap() - Vec3::new(0.4, 0.5, 0.6)).length() < 0.02);
     }
 
     #[test]

@@ -106,6 +106,7 @@ mod tests {
             texels,
             channels: [true; 3],
             price: Price::NONE,
+            beyond: None,
         }
     }
 

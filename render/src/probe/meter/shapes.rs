@@ -57,6 +57,8 @@ pub(super) struct RegionShape {
     /// Channels that clip in it.
     pub(super) channels: [bool; 3],
     pub(super) price: Price,
+    /// Radiance that the even pattern is expected to have, where its surroundings tell.
+    pub(super) expected: Option<Vec3>,
 }
 
 impl RegionShape {
@@ -78,6 +80,7 @@ impl RegionShape {
             patterns,
             channels: region.channels,
             price: region.price,
+            expected: region.beyond,
         }
     }
 }

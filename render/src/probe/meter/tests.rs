@@ -105,6 +105,7 @@ fn clipped_cube(lamps: &[Lamp]) -> (Cube<Vec3>, Vec<StrongRegion>) {
             texels,
             channels: [true; 3],
             price: Price::NONE,
+            beyond: None,
         });
     }
     (far, regions)

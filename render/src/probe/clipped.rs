@@ -162,8 +162,10 @@ fn mean_luminance(far: &Cube<Vec3>) -> f32 {
 fn beyond(texels: &[usize], core: &[usize], far: &Cube<Vec3>) -> Option<Vec3> {
     /// Texels between the region, whose outermost are mixed, and the surroundings that are looked at.
     const GAP: usize = 4;
-    /// Share of the surroundings that must be as bright.
-    const LEAST_SHARE: f32 = 0.25;
+    /// Share of the surroundings that must be about as bright as the clipped region, and how bright that is: a lamp has dark
+    /// surroundings, a window a bright wall on one side at most.
+    const LEAST_SHARE: f32 = 0.4;
+    const AS_BRIGHT: f32 = 0.85;
     if core.is_empty() {
         return None;
     }
@@ -173,7 +175,7 @@ fn beyond(texels: &[usize], core: &[usize], far: &Cube<Vec3>) -> Option<Vec3> {
     let bright: Vec<usize> = ring
         .iter()
         .copied()
-        .filter(|&i| luminance(far.texels()[i]) > luminance(own))
+        .filter(|&i| luminance(far.texels()[i]) > AS_BRIGHT * luminance(own))
         .collect();
     (bright.len() as f32 > LEAST_SHARE * ring.len() as f32).then(|| (mean(&bright) - own).max(Vec3::ZERO))
 }

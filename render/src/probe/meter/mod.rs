@@ -353,7 +353,8 @@ impl Question {
 
     /// Distances of the regions, metres, with the standard deviation of their logarithms.
     ///
-    /// Searched among all candidates around `room_m` where `expected_m` knows nothing (`None`), near the expected distance
+    /// Regions that are a part of something bright that goes on around them stand where the room does: their edges are the
+    /// picture's, not a lamp's. Searched among all candidates around `room_m` where `expected_m` knows nothing (`None`), near the expected distance
     /// otherwise.
     #[must_use]
     pub fn distances_m(&self, room_m: f32, expected_m: &[Option<f32>]) -> Vec<(f32, f32)> {
@@ -367,7 +368,7 @@ impl Question {
         // Twice, as the regions share the readings between them.
         for round in 0..2 {
             for region in 0..distances.len() {
-                if shares[region] < NEAR_SHARE {
+                if shares[region] < NEAR_SHARE || self.rows.goes_on(region) {
                     distances[region] = room_m;
                     continue;
                 }

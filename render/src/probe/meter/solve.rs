@@ -104,6 +104,11 @@ impl Rows {
         self.rows.len() - self.n_papers()
     }
 
+    /// Whether the surroundings of a region are about as bright as it.
+    pub(super) fn goes_on(&self, region: usize) -> bool {
+        self.shapes[region].expected.is_some()
+    }
+
     /// Share of every region in the light on the papers.
     pub(super) fn shares(&self, distances_m: &[f32]) -> Vec<f32> {
         let responses = self.responses(distances_m);

@@ -33,6 +33,7 @@ pub mod recording;
 pub mod report;
 pub mod score;
 pub mod sheet;
+pub mod simulation;
 pub mod stages;
 pub mod statistics;
 pub mod truth;

@@ -4,5 +4,7 @@
 mod bad_input;
 mod configs;
 mod end_to_end;
+mod light;
+mod simulated;
 mod support;
 mod two_processes;

@@ -1,0 +1,187 @@
+//! Light measured from simulated pictures of the probe: brackets, a still scene, a lamp that goes out.
+
+use image::RgbImage;
+use mirrorball_tests::brightest_light::angle_deg;
+use mirrorball_tests::environment_map::luminance;
+use mirrorball_tests::simulation::Exposure;
+
+use crate::simulated::{Lamp, LightErrors, Run, Stage, StrongLight, strong_lights};
+use crate::support::has_adapter;
+
+/// Bounds of the figures of a measured map.
+struct Bounds {
+    irradiance_percent: f64,
+    light_deg: f64,
+    unclipped_percent: f64,
+}
+
+/// The goals for a probe whose exposures alternate.
+const BRACKETED: Bounds = Bounds {
+    irradiance_percent: 3.0,
+    light_deg: 0.7,
+    unclipped_percent: 5.0,
+};
+
+fn assert_within(errors: &LightErrors, bounds: &Bounds, what: &str) {
+    eprintln!("{what}: {errors:?}");
+    assert!(
+        errors.irradiance.upper_mean_percent <= bounds.irradiance_percent,
+        "{what}: {errors:?}"
+    );
+    assert!(errors.light_deg <= bounds.light_deg, "{what}: {errors:?}");
+    assert!(
+        errors.unclipped_percent <= bounds.unclipped_percent,
+        "{what}: {errors:?}"
+    );
+}
+
+/// Pictures of one environment with exposures that take turns.
+fn bracket(stage: &Stage, steps: &[f64], n_frames: usize) -> Vec<(RgbImage, Exposure)> {
+    let picture = stage.picture_of(&stage.map);
+    (0..n_frames)
+        .map(|index| stage.shot(&picture, steps[index % steps.len()], index as u64))
+        .collect()
+}
+
+/// Checks every frame from the one that completes the first bracket on.
+fn assert_bracketed(stage: &Stage, steps: &[f64], bounds: &Bounds) {
+    let run = stage.run(&bracket(stage, steps, 6));
+    let clipping = stage.clipping_radiance(steps[0]);
+    for frame in steps.len() - 1..6 {
+        let errors = stage.errors(&run.map(frame), clipping);
+        assert_within(&errors, bounds, &format!("steps {steps:?}, frame {frame}"));
+    }
+}
+
+#[test]
+fn a_bracket_that_holds_the_lamp_in_the_ball() {
+    if has_adapter() {
+        assert_bracketed(&Stage::two_cameras(), &[1.0 / 1024.0, 1.0 / 32.0, 1.0], &BRACKETED);
+    }
+}
+
+#[test]
+fn a_bracket_in_which_the_lamp_clips() {
+    if has_adapter() {
+        assert_bracketed(&Stage::two_cameras(), &[1.0 / 16.0, 1.0, 4.0], &BRACKETED);
+    }
+}
+
+#[test]
+fn a_bracket_that_holds_the_ceiling_over_a_fisheye() {
+    if has_adapter() {
+        assert_bracketed(&Stage::fisheye(), &[1.0 / 16.0, 1.0, 4.0], &BRACKETED);
+    }
+}
+
+/// Root mean square of deviations.
+fn rms(deviations: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for deviation in deviations {
+        sum += deviation * deviation;
+        count += 1.0;
+    }
+    f64::sqrt(sum / count)
+}
+
+/// Checks how much every strong light of the last frame varies from a frame on.
+fn assert_still(run: &Run, from: usize) {
+    let frames: Vec<Vec<StrongLight>> = (from..run.frames.len())
+        .map(|frame| strong_lights(run.light(frame)))
+        .collect();
+    let last = frames.last().unwrap();
+    assert!(!last.is_empty(), "no strong light");
+    for light in last {
+        let same: Vec<StrongLight> = frames
+            .iter()
+            .map(|frame| {
+                let angle = |other: &&StrongLight| angle_deg(other.direction, light.direction);
+                let nearest = frame.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))).unwrap();
+                assert!(angle(&nearest) < 5.0, "a light is gone from a frame");
+                *nearest
+            })
+            .collect();
+        let n = same.len() as f64;
+        let mean_irradiance = same.iter().map(|light| light.irradiance).sum::<f64>() / n;
+        let mean_direction = same
+            .iter()
+            .map(|light| light.direction)
+            .sum::<glam::DVec3>()
+            .normalize();
+        let power = 100.0 * rms(same.iter().map(|light| light.irradiance / mean_irradiance - 1.0));
+        let direction = rms(same.iter().map(|light| angle_deg(light.direction, mean_direction)));
+        eprintln!(
+            "{mean_direction} irradiance {mean_irradiance:.4}: power {power:.3} % rms, direction {direction:.4} deg rms"
+        );
+        assert!(power <= 1.0, "{power} %");
+        assert!(direction <= 0.2, "{direction} deg");
+    }
+}
+
+fn still_frames(stage: &Stage) -> Vec<(RgbImage, (RgbImage, Exposure))> {
+    let picture = stage.picture_of(&stage.map);
+    (0..8)
+        .map(|seed| (stage.noisy_scene(100 + seed), stage.shot(&picture, 1.0, seed)))
+        .collect()
+}
+
+#[test]
+fn a_still_lamp_does_not_flicker() {
+    if has_adapter() {
+        let stage = Stage::two_cameras();
+        assert_still(&stage.run_with(&still_frames(&stage)), 4);
+    }
+}
+
+#[test]
+fn a_still_ceiling_does_not_flicker() {
+    if has_adapter() {
+        let stage = Stage::fisheye();
+        assert_still(&stage.run_with(&still_frames(&stage)), 4);
+    }
+}
+
+/// Switches the lamp off before a frame; its light must be gone from the map of the frame after that one.
+fn assert_goes_out(stage: &Stage, steps: &[f64], off: usize) {
+    let lamp = Lamp::brightest(&stage.map, 4.0);
+    let [lit, dark] = [stage.map.clone(), lamp.taken_out_of(&stage.map)].map(|map| stage.picture_of(&map));
+    let shots: Vec<_> = (0..off + 3)
+        .map(|index| {
+            let picture = if index < off { &lit } else { &dark };
+            stage.shot(picture, steps[index % steps.len()], index as u64)
+        })
+        .collect();
+    let run = stage.run(&shots);
+    let threshold = 2.0 * luminance(lamp.surroundings(&stage.map));
+    let before = lamp.energy(&run.map(off - 1), threshold);
+    let truth = lamp.energy(&stage.map, threshold);
+    let after: Vec<f64> = (off..off + 3)
+        .map(|frame| lamp.energy(&run.map(frame), threshold) / before)
+        .collect();
+    eprintln!("steps {steps:?}, off at {off}: true {truth:.3}, before {before:.3}, then {after:?}");
+    assert!(before > 0.5 * truth, "the lamp was not there: {before} of {truth}");
+    assert!(after[1] < 0.02, "steps {steps:?}, off at {off}: {after:?}");
+}
+
+#[test]
+fn a_lamp_that_is_switched_off_is_gone_within_two_frames() {
+    if has_adapter() {
+        assert_goes_out(&Stage::two_cameras(), &[1.0], 5);
+    }
+}
+
+#[test]
+fn a_lamp_that_is_switched_off_is_gone_within_two_frames_of_a_bracket() {
+    if has_adapter() {
+        for off in [6, 7, 8] {
+            assert_goes_out(&Stage::two_cameras(), &[1.0 / 1024.0, 1.0 / 32.0, 1.0], off);
+        }
+    }
+}
+
+#[test]
+fn a_clipped_lamp_that_is_switched_off_is_gone_within_two_frames_of_a_bracket() {
+    if has_adapter() {
+        assert_goes_out(&Stage::two_cameras(), &[1.0 / 16.0, 1.0, 4.0], 6);
+    }
+}

@@ -144,6 +144,14 @@ impl Stage {
         writer.finish().unwrap();
         let run = Run::measure(folder, &data(self.name).join("scene/scene.toml"));
         assert_eq!(run.frames.len(), frames.len());
+        if let Ok(keep) = std::env::var("KEEPSIM") {
+            std::process::Command::new("cp")
+                .arg("-r")
+                .arg(run.folder.path())
+                .arg(keep)
+                .status()
+                .unwrap();
+        } // XXX
         run
     }
 

@@ -3,9 +3,10 @@
 use image::RgbImage;
 use mirrorball_tests::brightest_light::angle_deg;
 use mirrorball_tests::environment_map::luminance;
+use mirrorball_tests::outputs::StrongLight;
 use mirrorball_tests::simulation::Exposure;
 
-use crate::simulated::{Lamp, LightErrors, Run, Stage, StrongLight, strong_lights};
+use crate::simulated::{Lamp, LightErrors, Run, Stage};
 use crate::support::has_adapter;
 
 /// Bounds of the figures of a measured map.
@@ -103,9 +104,7 @@ struct Flicker {
 
 /// Checks how much every strong light of the last frame varies from a frame on.
 fn assert_still(run: &Run, from: usize) {
-    let frames: Vec<Vec<StrongLight>> = (from..run.frames.len())
-        .map(|frame| strong_lights(run.light(frame)))
-        .collect();
+    let frames = run.strong_lights().split_off(from);
     let last = frames.last().unwrap();
     assert!(!last.is_empty(), "no strong light");
     let of = |light: &StrongLight| {
@@ -119,14 +118,17 @@ fn assert_still(run: &Run, from: usize) {
             })
             .collect();
         let n = same.len() as f64;
-        let mean_irradiance = same.iter().map(|light| light.irradiance).sum::<f64>() / n;
+        let mean_irradiance = same.iter().map(|light| luminance(light.irradiance)).sum::<f64>() / n;
         let mean_direction = same
             .iter()
             .map(|light| light.direction)
             .sum::<glam::DVec3>()
             .normalize();
         let flicker = Flicker {
-            power_percent: 100.0 * rms(same.iter().map(|light| light.irradiance / mean_irradiance - 1.0)),
+            power_percent: 100.0
+                * rms(same
+                    .iter()
+                    .map(|light| luminance(light.irradiance) / mean_irradiance - 1.0)),
             direction_deg: rms(same.iter().map(|light| angle_deg(light.direction, mean_direction))),
         };
         eprintln!("light of irradiance {mean_irradiance:.3} from {mean_direction}: {flicker:?}");

@@ -7,6 +7,7 @@ use mirrorball_tests::brightest_light::{angle_deg, brightest_light};
 use mirrorball_tests::environment_error::unclipped_error;
 use mirrorball_tests::environment_map::{EnvironmentMap, Sphere, WIDTH, luminance};
 use mirrorball_tests::irradiance::{self, IrradianceError};
+use mirrorball_tests::outputs::{Outputs, StrongLight};
 use mirrorball_tests::simulation::{
     Camera, Exposure, Noise, ProbeShot, RadiancePicture, RecordingWriter, SimulatedRig, Surroundings, ball_picture,
     fisheye_picture,
@@ -144,14 +145,6 @@ impl Stage {
         writer.finish().unwrap();
         let run = Run::measure(folder, &data(self.name).join("scene/scene.toml"));
         assert_eq!(run.frames.len(), frames.len());
-        if let Ok(keep) = std::env::var("KEEPSIM") {
-            std::process::Command::new("cp")
-                .arg("-r")
-                .arg(run.folder.path())
-                .arg(keep)
-                .status()
-                .unwrap();
-        } // XXX
         run
     }
 
@@ -205,6 +198,12 @@ impl Run {
         Self { folder, frames }
     }
 
+    /// The strong lights of every frame.
+    pub(crate) fn strong_lights(&self) -> Vec<Vec<StrongLight>> {
+        let outputs = Outputs::load(&self.folder.path().join("out")).unwrap();
+        outputs.frames.into_iter().map(|frame| frame.strong_lights).collect()
+    }
+
     /// What is known about the light of a frame.
     pub(crate) fn light(&self, frame: usize) -> &Value {
         &self.frames[frame]["light"]
@@ -215,23 +214,6 @@ impl Run {
         let name = format!("out/environment/{frame:06}.exr");
         EnvironmentMap::load(&self.folder.path().join(name)).unwrap()
     }
-}
-
-/// A light that a frame lists as strong.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct StrongLight {
-    pub(crate) direction: glam::DVec3,
-    pub(crate) irradiance: f64,
-}
-
-/// The strong lights of a frame.
-pub(crate) fn strong_lights(light: &Value) -> Vec<StrongLight> {
-    let numbers = |value: &Value| -> [f64; 3] { serde_json::from_value(value.clone()).unwrap() };
-    let of = |value: &Value| StrongLight {
-        direction: glam::DVec3::from_array(numbers(&value["direction"])),
-        irradiance: luminance(numbers(&value["irradiance"]).map(|channel| channel as f32)),
-    };
-    light["strong"].as_array().unwrap().iter().map(of).collect()
 }
 
 /// A lamp in a map: where it is, and how far around it anything is its light.

@@ -37,7 +37,7 @@ pub struct OutputFrame {
 }
 
 /// A lamp, a window, a bright ceiling, as the run found it.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 pub struct StrongLight {
     /// Unit vector from the probe, in the world.
     pub direction: DVec3,
@@ -62,7 +62,26 @@ struct Entry {
 
 #[derive(Deserialize)]
 struct LightEntry {
-    strong: Vec<StrongLight>,
+    strong: Vec<StrongEntry>,
+}
+
+#[derive(Deserialize)]
+struct StrongEntry {
+    direction: [f64; 3],
+    distance_m: f64,
+    distance_sigma: Option<f64>,
+    irradiance: [f32; 3],
+}
+
+impl StrongEntry {
+    fn into_light(self) -> StrongLight {
+        StrongLight {
+            direction: DVec3::from_array(self.direction),
+            distance_m: self.distance_m,
+            distance_sigma: self.distance_sigma,
+            irradiance: self.irradiance,
+        }
+    }
 }
 
 impl Outputs {
@@ -91,7 +110,9 @@ impl Outputs {
                 reason: entry.reason,
                 reprojection_error_px: entry.reprojection_error_px,
                 stages_ms: entry.stages_ms,
-                strong_lights: entry.light.map_or_else(Vec::new, |light| light.strong),
+                strong_lights: entry.light.map_or_else(Vec::new, |light| {
+                    light.strong.into_iter().map(StrongEntry::into_light).collect()
+                }),
             });
         }
         Ok(Self {

@@ -129,7 +129,7 @@ pub struct Environment {
     pub valid_for_all_frames: bool,
     /// Place in the world, metres.
     #[serde(rename = "position")]
-    pub position_m: DVec3,
+    pub position_m: [f64; 3],
 }
 
 impl Truth {
@@ -201,7 +201,7 @@ impl Truth {
         self.environments
             .iter()
             .find(at_probe)
-            .map(|environment| environment.position_m)
+            .map(|environment| DVec3::from_array(environment.position_m))
     }
 
     /// Returns the clipping radiance of the probe frame nearest in time; infinite when there is no probe frame.
@@ -308,7 +308,7 @@ struct MetaFrame {
 struct MetaLight {
     weight: f64,
     /// Only lamps have one.
-    position: Option<DVec3>,
+    position: Option<[f64; 3]>,
 }
 
 impl MetaFrame {
@@ -331,7 +331,7 @@ impl MetaFrame {
                 .lights
                 .iter()
                 .filter(|light| light.weight > 0.0)
-                .filter_map(|light| light.position)
+                .filter_map(|light| light.position.map(DVec3::from_array))
                 .collect(),
         })
     }

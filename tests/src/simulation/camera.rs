@@ -1,7 +1,7 @@
 //! The cameras of a rig file: where they stand, which ray falls on which pixel.
 
 use crate::{ToolError, json};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -119,6 +119,16 @@ impl SimulatedRig {
 }
 
 impl Camera {
+    /// Returns the camera where it stood when it took a frame.
+    #[must_use]
+    pub fn placed(&self, camera_from_world: DMat4) -> Self {
+        let rows = camera_from_world.transpose().to_cols_array_2d();
+        Self {
+            camera_from_world: Some([rows[0], rows[1], rows[2]]),
+            ..self.clone()
+        }
+    }
+
     /// Returns the centre in the world, metres; the origin for a camera that moves.
     pub fn center_m(&self) -> DVec3 {
         let translation = self

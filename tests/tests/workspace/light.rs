@@ -144,7 +144,7 @@ fn assert_still(run: &Run, from: usize) {
 fn still_frames(stage: &Stage) -> Vec<(RgbImage, (RgbImage, Exposure))> {
     let picture = stage.picture_of(&stage.map);
     (0..8)
-        .map(|seed| (stage.noisy_scene(100 + seed), stage.shot(&picture, 1.0, seed)))
+        .map(|seed| (stage.scene_of(&stage.map, 100 + seed), stage.shot(&picture, 1.0, seed)))
         .collect()
 }
 
@@ -164,17 +164,20 @@ fn a_still_ceiling_does_not_flicker() {
     }
 }
 
-/// Switches the lamp off before a frame; its light must be gone from the map of the frame after that one.
+/// Switches the lamp off before a frame, in the ball of both pictures, not on the papers, which still tell of a lamp; its light must be gone from the map of the frame after that one.
 fn assert_goes_out(stage: &Stage, steps: &[f64], off: usize) {
     let lamp = Lamp::brightest(&stage.map, 4.0);
-    let [lit, dark] = [stage.map.clone(), lamp.taken_out_of(&stage.map)].map(|map| stage.picture_of(&map));
-    let shots: Vec<_> = (0..off + 3)
+    let maps = [stage.map.clone(), lamp.taken_out_of(&stage.map)];
+    let pictures = maps.each_ref().map(|map| stage.picture_of(map));
+    let scenes = maps.each_ref().map(|map| stage.scene_of(map, 0));
+    let frames: Vec<_> = (0..off + 3)
         .map(|index| {
-            let picture = if index < off { &lit } else { &dark };
-            stage.shot(picture, steps[index % steps.len()], index as u64)
+            let light = usize::from(index >= off);
+            let shot = stage.shot(&pictures[light], steps[index % steps.len()], index as u64);
+            (scenes[light].clone(), shot)
         })
         .collect();
-    let run = stage.run(&shots);
+    let run = stage.run_with(&frames);
     let threshold = 2.0 * luminance(lamp.surroundings(&stage.map));
     let before = lamp.energy(&run.map(off - 1), threshold);
     let truth = lamp.energy(&stage.map, threshold);

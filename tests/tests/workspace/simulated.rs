@@ -12,6 +12,7 @@ use mirrorball_tests::simulation::{
     Camera, Exposure, Noise, ProbeShot, RadiancePicture, RecordingWriter, SimulatedRig, Surroundings, ball_picture,
     fisheye_picture,
 };
+use mirrorball_tests::truth::Truth;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -23,7 +24,8 @@ pub(crate) struct Stage {
     rig: SimulatedRig,
     /// The true environment map at the probe.
     pub(crate) map: EnvironmentMap,
-    scene: RgbImage,
+    scene_camera: Camera,
+    scene: RadiancePicture,
     exposure: Exposure,
     background: RadiancePicture,
 }
@@ -76,6 +78,12 @@ impl Stage {
             image::open(path).unwrap().into_rgb8()
         };
         let rig = SimulatedRig::load(&data(name).join("recording/rig.toml")).unwrap();
+        let truth = Truth::load(&data(name).join("truth")).unwrap();
+        let pose = truth
+            .scene_frame(recorded.frame.parse().unwrap())
+            .unwrap()
+            .camera_from_marker;
+        let scene_camera = rig.scene_camera().unwrap().placed(pose);
         let background = rig
             .probe_camera()
             .unwrap()
@@ -84,7 +92,8 @@ impl Stage {
             name,
             rig,
             map: EnvironmentMap::load(&data(&format!("{name}/truth/env/{}.exr", recorded.map))).unwrap(),
-            scene: picture("scene"),
+            scene: scene_camera.develop(&picture("scene"), &recorded.exposure),
+            scene_camera,
             exposure: recorded.exposure,
             background,
         }
@@ -97,36 +106,48 @@ impl Stage {
 
     /// What the probe camera sees of an environment, before noise.
     pub(crate) fn picture_of(&self, map: &EnvironmentMap) -> RadiancePicture {
-        match &self.rig.ball {
-            Some(ball) if self.probe().role == "ball" => {
-                // The lamp's distance; the walls are somewhat farther away.
-                let surroundings = Surroundings {
-                    map,
-                    distance_m: 1.37,
-                    table_z_m: -0.002,
-                };
-                ball_picture(self.probe(), ball, &surroundings, &self.background)
-            }
-            _ => fisheye_picture(self.probe(), map),
+        if self.probe().role == "ball" {
+            self.with_ball(self.probe(), map, &self.background)
+        } else {
+            fisheye_picture(self.probe(), map)
         }
     }
 
-    /// Exposures that take turns, each a multiple of the recorded one.
+    /// A picture with the mirror ball in it, lit by the environment at the ball.
+    fn with_ball(&self, camera: &Camera, map: &EnvironmentMap, background: &RadiancePicture) -> RadiancePicture {
+        // The lamp's distance; the walls are somewhat farther away.
+        let surroundings = Surroundings {
+            map,
+            distance_m: 1.37,
+            table_z_m: -0.002,
+        };
+        ball_picture(camera, self.rig.ball.as_ref().unwrap(), &surroundings, background)
+    }
+
+    /// What the scene camera sees: the recorded picture, where a ball camera needs it with the ball in another light.
+    ///
+    /// Nothing but the ball changes with the light: papers and table stay as they were recorded. There is noise once more,
+    /// on top of the recorded, so that it is √2 times what it should be.
+    pub(crate) fn scene_of(&self, map: &EnvironmentMap, seed: u64) -> RgbImage {
+        let noise = &mut Noise::new(seed);
+        if self.probe().role == "ball" {
+            let picture = self.with_ball(&self.scene_camera, map, &self.scene);
+            self.scene_camera.expose(&picture, &self.exposure, noise)
+        } else {
+            self.scene_camera.expose(&self.scene, &self.exposure, noise)
+        }
+    }
+
+    /// The probe camera's picture at a multiple of the recorded exposure.
     pub(crate) fn shot(&self, picture: &RadiancePicture, times: f64, seed: u64) -> (RgbImage, Exposure) {
         let exposure = self.exposure.times(times);
         (self.probe().expose(picture, &exposure, &mut Noise::new(seed)), exposure)
     }
 
-    /// The scene camera's picture with noise once more: on top of its own, so that it is √2 times what it should be.
-    pub(crate) fn noisy_scene(&self, seed: u64) -> RgbImage {
-        let camera = self.rig.scene_camera().unwrap();
-        let radiance = camera.develop(&self.scene, &self.exposure);
-        camera.expose(&radiance, &self.exposure, &mut Noise::new(seed))
-    }
-
     /// Measures the light of one frame per picture of the probe; the scene camera sees the same all the time.
     pub(crate) fn run(&self, shots: &[(RgbImage, Exposure)]) -> Run {
-        let frames: Vec<_> = shots.iter().map(|shot| (self.scene.clone(), shot.clone())).collect();
+        let scene = self.scene_of(&self.map, 0);
+        let frames: Vec<_> = shots.iter().map(|shot| (scene.clone(), shot.clone())).collect();
         self.run_with(&frames)
     }
 

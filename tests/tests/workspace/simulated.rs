@@ -22,6 +22,7 @@ use crate::support::{data, program};
 pub(crate) struct Stage {
     name: &'static str,
     rig: SimulatedRig,
+    knows_ball: bool,
     /// The true environment map at the probe.
     pub(crate) map: EnvironmentMap,
     scene_camera: Camera,
@@ -72,6 +73,14 @@ impl Stage {
         )
     }
 
+    /// The same light with a rig file that knows of no ball.
+    pub(crate) fn without_ball(self) -> Self {
+        Self {
+            knows_ball: false,
+            ..self
+        }
+    }
+
     fn load(name: &'static str, recorded: &Recorded) -> Self {
         let picture = |camera: &str| {
             let path = data(&format!("{name}/recording/{camera}/{}.png", recorded.frame));
@@ -91,6 +100,7 @@ impl Stage {
         Self {
             name,
             rig,
+            knows_ball: true,
             map: EnvironmentMap::load(&data(&format!("{name}/truth/env/{}.exr", recorded.map))).unwrap(),
             scene: scene_camera.develop(&picture("scene"), &recorded.exposure),
             scene_camera,
@@ -164,6 +174,11 @@ impl Stage {
             writer.add((scene, self.exposure), shot).unwrap();
         }
         writer.finish().unwrap();
+        if !self.knows_ball {
+            let rig = recording.join("rig.toml");
+            let text = std::fs::read_to_string(&rig).unwrap();
+            std::fs::write(rig, &text[..text.find("[ball]").unwrap()]).unwrap();
+        }
         let run = Run::measure(folder, &data(self.name).join("scene/scene.toml"));
         assert_eq!(run.frames.len(), frames.len());
         run

@@ -98,8 +98,6 @@ struct Texel {
     clipped: u8,
     /// Quality of the best view that went in, 0 when never seen.
     quality: f32,
-    /// Quality of the view that measured its radiance, where the best view only gave a bound.
-    measured_quality: f32,
     /// Pictures since a sample last agreed.
     age: u16,
     /// Contradictions in a row.
@@ -111,21 +109,9 @@ struct Texel {
 struct Told {
     samples: [Sample; 3],
     seen: Seen,
-    /// Quality of the worst view that a channel's radiance comes from.
-    measured_quality: f32,
 }
 
 impl Told {
-    /// What one view says; `None` where it shows nothing.
-    fn new(texel: Vec4, noise: &ViewNoise) -> Option<Self> {
-        let seen = Seen::unpack(texel).filter(|seen| seen.radiance.is_finite())?;
-        Some(Self {
-            samples: noise.samples(&seen),
-            measured_quality: seen.quality,
-            seen,
-        })
-    }
-
     /// Whether every channel is so bright that black, which is never below 0, does not raise its mean.
     fn is_clear_of_noise(&self) -> bool {
         /// Standard deviations of noise above 0.
@@ -190,18 +176,16 @@ impl Fusion {
     /// Takes in what several views of one moment show, texels packed as [`Seen::pack`] does, each with its noise.
     pub fn take(&mut self, views: &[(&[Vec4], &ViewNoise)]) {
         let consistency = &self.consistency;
-        let told = self.told.par_iter_mut().zip(&self.texels).enumerate();
-        told.for_each(|(index, (told, texel))| {
-            let sights = || {
-                views
-                    .iter()
-                    .filter_map(|(texels, noise)| Told::new(texels[index], noise))
-            };
-            // A bad view that alone does not clip would else overrule what a good one measured at another exposure.
-            let least = EQUAL_QUALITY * texel.measured_quality;
-            let is_known = texel.clipped == 0 && sights().any(|told| told.seen.quality >= least);
-            *told = sights()
-                .filter(|told| !is_known || told.seen.quality >= least)
+        self.told.par_iter_mut().enumerate().for_each(|(index, told)| {
+            *told = views
+                .iter()
+                .filter_map(|(texels, noise)| {
+                    let seen = Seen::unpack(texels[index]).filter(|seen| seen.radiance.is_finite())?;
+                    Some(Told {
+                        samples: noise.samples(&seen),
+                        seen,
+                    })
+                })
                 .reduce(|a, b| together(a, b, consistency));
         });
         self.judge();
@@ -220,7 +204,6 @@ impl Fusion {
             if let Some(seen) = elsewhere(index).filter(|seen| seen.radiance.is_finite()) {
                 let told = Told {
                     samples: noise.samples(&seen),
-                    measured_quality: seen.quality,
                     seen,
                 };
                 let verdict = verdict(texel, Some(&told), consistency);
@@ -377,9 +360,6 @@ fn together(a: Told, b: Told, consistency: &Consistency) -> Told {
             return better;
         };
         let is_bound = estimate.state == State::AtLeast;
-        if !is_bound && samples[1].clipping == Clipping::Above {
-            told.measured_quality = worse.measured_quality;
-        }
         told.seen.radiance[channel] = estimate.radiance;
         told.samples[channel] = Sample {
             radiance: estimate.radiance,
@@ -448,9 +428,6 @@ fn learn(texel: &mut Texel, told: Option<&Told>, verdict: Verdict, (consistency,
             }
             texel.clipped = clipped;
             texel.quality = told.seen.quality.max(texel.quality / fading);
-            if told.seen.clipped == 0 {
-                texel.measured_quality = told.measured_quality.max(texel.measured_quality / fading);
-            }
             texel.age = 0;
             texel.doubts = 0;
         }
@@ -473,7 +450,6 @@ fn replace(texel: &mut Texel, told: &Told) {
         })),
         clipped: told.seen.clipped | told.seen.clipped_everywhere << 3,
         quality: told.seen.quality.max(1.0 / 255.0),
-        measured_quality: told.measured_quality,
         age: 0,
         doubts: 0,
     };
@@ -593,24 +569,6 @@ mod tests {
         fusion.take(&[(&picture(raised, short_signal, 1.0), &short)]);
         let found = fusion.radiance(500).x;
         assert!((found / 0.2 - 1.0).abs() < 0.02, "{found}");
-        let lamp = fusion.radiance(103).x;
-        assert!((lamp / 90.0 - 1.0).abs() < 0.05, "{lamp}");
-    }
-
-    #[test]
-    fn a_bad_view_does_not_overrule_a_good_one_that_clips_for_now() {
-        let (long, signal) = noise(0.02);
-        let (short, short_signal) = noise(0.002);
-        let mut fusion = Fusion::new(SIZE, 0.08, 8);
-        fusion.take(&[(&picture(room(5.0), short_signal, 1.0), &short)]);
-        for _ in 0..3 {
-            fusion.take(&[
-                (&picture(room(5.0), signal, 1.0), &long),
-                (&picture(room(8.0), short_signal, 0.1), &short),
-            ]);
-        }
-        let found = fusion.radiance(103).x;
-        assert!((found / 5.0 - 1.0).abs() < 0.05, "{found}");
     }
 
     #[test]

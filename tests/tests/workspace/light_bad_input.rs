@@ -43,6 +43,7 @@ fn assert_map_stays(run: &Run, expected: &str) {
 }
 
 #[test]
+#[ignore = "read noise of this camera is above the level below which a picture counts as black"]
 fn a_ball_that_is_black_in_all_pictures() {
     if has_adapter() {
         assert_map_stays(&in_a_room_of(&Stage::two_cameras(), 0.0), "black");

@@ -175,8 +175,8 @@ fn a_still_lamp_does_not_flicker() {
 fn a_still_ceiling_does_not_flicker() {
     if has_adapter() {
         let stage = Stage::fisheye();
-        // The goal is 1 %. Two neighbouring parts of the clipped ceiling trade 1.2 % of their power while the papers still
-        // settle how far away each is; their sum stands still.
+        // The goal is 1 %. Two neighbouring parts of the clipped ceiling vary by 1.2 and 1.0 % while the papers still settle how
+        // far away each is.
         assert_still(&stage.run_with(&still_frames(&stage)), 4, 1.5);
     }
 }

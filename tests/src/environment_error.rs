@@ -153,7 +153,7 @@ fn compare(
 
 /// Returns the median relative luminance error in percent over the directions above the table whose true radiance is
 /// below the clipping radiance in every channel; `None` when there are none.
-fn unclipped_error(
+pub fn unclipped_error(
     found: &EnvironmentMap,
     truth: &EnvironmentMap,
     sphere: &Sphere,

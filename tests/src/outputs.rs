@@ -1,7 +1,7 @@
 //! What the render node left in its output folder.
 
 use crate::{ToolError, json, pose_error::rigid_deviation};
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -32,6 +32,21 @@ pub struct OutputFrame {
     pub reprojection_error_px: Option<f64>,
     /// Time per stage in milliseconds, by name.
     pub stages_ms: BTreeMap<String, f64>,
+    /// Strong lights; empty when none is known.
+    pub strong_lights: Vec<StrongLight>,
+}
+
+/// A lamp, a window, a bright ceiling, as the run found it.
+#[derive(Clone, Copy, Debug)]
+pub struct StrongLight {
+    /// Unit vector from the probe, in the world.
+    pub direction: DVec3,
+    /// Distance from the probe in metres.
+    pub distance_m: f64,
+    /// Standard deviation of the distance's logarithm; `None` when nothing tells the distance.
+    pub distance_sigma: Option<f64>,
+    /// Irradiance at the probe of a surface that faces it.
+    pub irradiance: [f32; 3],
 }
 
 #[derive(Deserialize)]
@@ -42,6 +57,31 @@ struct Entry {
     reprojection_error_px: Option<f64>,
     #[serde(default)]
     stages_ms: BTreeMap<String, f64>,
+    light: Option<LightEntry>,
+}
+
+#[derive(Deserialize)]
+struct LightEntry {
+    strong: Vec<StrongEntry>,
+}
+
+#[derive(Deserialize)]
+struct StrongEntry {
+    direction: [f64; 3],
+    distance_m: f64,
+    distance_sigma: Option<f64>,
+    irradiance: [f32; 3],
+}
+
+impl StrongEntry {
+    fn into_light(self) -> StrongLight {
+        StrongLight {
+            direction: DVec3::from_array(self.direction),
+            distance_m: self.distance_m,
+            distance_sigma: self.distance_sigma,
+            irradiance: self.irradiance,
+        }
+    }
 }
 
 impl Outputs {
@@ -70,6 +110,9 @@ impl Outputs {
                 reason: entry.reason,
                 reprojection_error_px: entry.reprojection_error_px,
                 stages_ms: entry.stages_ms,
+                strong_lights: entry.light.map_or_else(Vec::new, |light| {
+                    light.strong.into_iter().map(StrongEntry::into_light).collect()
+                }),
             });
         }
         Ok(Self {

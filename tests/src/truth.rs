@@ -1,7 +1,7 @@
 //! What a truth folder says: true poses, exposures, lights' maps and references. See the folder's `meta.json`.
 
 use crate::{ToolError, json, outputs::pose_from_rows};
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
@@ -56,6 +56,8 @@ pub struct SceneFrame {
     pub timestamp_s: f64,
     /// True pose of the camera.
     pub camera_from_marker: DMat4,
+    /// Lamps that are on: where their centres are in the world, metres.
+    pub lamps_m: Vec<DVec3>,
 }
 
 /// Where one frame of the probe camera clips.
@@ -125,6 +127,9 @@ pub struct Environment {
     pub timestamp_s: f64,
     /// Whether the light is constant.
     pub valid_for_all_frames: bool,
+    /// Place in the world, metres.
+    #[serde(rename = "position")]
+    pub position_m: [f64; 3],
 }
 
 impl Truth {
@@ -188,6 +193,15 @@ impl Truth {
             Rig::OneCamera | Rig::TwoCamera => "ball",
             Rig::Fisheye => "fisheye",
         }
+    }
+
+    /// Returns where the light probe is in the world, metres; `None` when no true map was taken there.
+    pub fn probe_m(&self) -> Option<DVec3> {
+        let at_probe = |environment: &&Environment| environment.at == self.probe_position();
+        self.environments
+            .iter()
+            .find(at_probe)
+            .map(|environment| DVec3::from_array(environment.position_m))
     }
 
     /// Returns the clipping radiance of the probe frame nearest in time; infinite when there is no probe frame.
@@ -286,6 +300,15 @@ struct MetaFrame {
     wb: [f64; 3],
     #[serde(rename = "T_camera_from_marker")]
     camera_from_marker: Option<[[f64; 4]; 4]>,
+    #[serde(default)]
+    lights: Vec<MetaLight>,
+}
+
+#[derive(Deserialize)]
+struct MetaLight {
+    weight: f64,
+    /// Only lamps have one.
+    position: Option<[f64; 3]>,
 }
 
 impl MetaFrame {
@@ -304,6 +327,12 @@ impl MetaFrame {
             index: self.index,
             timestamp_s: self.timestamp,
             camera_from_marker: pose_from_rows(rows, self.index, path)?,
+            lamps_m: self
+                .lights
+                .iter()
+                .filter(|light| light.weight > 0.0)
+                .filter_map(|light| light.position.map(DVec3::from_array))
+                .collect(),
         })
     }
 }

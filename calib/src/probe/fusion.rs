@@ -111,6 +111,31 @@ struct Told {
     seen: Seen,
 }
 
+impl Told {
+    /// Whether every channel is so bright that black, which is never below 0, does not raise its mean.
+    fn is_clear_of_noise(&self) -> bool {
+        /// Standard deviations of noise above 0.
+        const CLEAR: f32 = 5.0;
+        (0..3).all(|channel| {
+            let radiance = self.seen.radiance[channel];
+            radiance * radiance > CLEAR * CLEAR * self.samples[channel].variance_at(radiance)
+        })
+    }
+
+    /// Whether it could take the place of what is remembered: measured in every channel, and not far less certain.
+    ///
+    /// A dark exposure of a dim wall, or one that clips, agrees with everything; it says nothing against what is known.
+    fn says_as_much_as(&self, texel: &Texel) -> bool {
+        /// Ratio of variances that is let pass: a third of the certainty.
+        const LEAST: f32 = 10.0;
+        (0..3).all(|channel| {
+            let sample = &self.samples[channel];
+            let is_worse = sample.variance_at(sample.radiance) > LEAST * texel.variance[channel];
+            texel.clipped >> channel & 1 == 1 || (sample.clipping == Clipping::None && !is_worse)
+        })
+    }
+}
+
 /// What a new sample is to a texel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
@@ -204,10 +229,11 @@ impl Fusion {
             let tile = &mut tiles[tile_of(index, size)];
             tile.comparable += f32::from(u8::from(*verdict != Verdict::New));
             tile.contradicting += f32::from(u8::from(*verdict == Verdict::Contradicts));
-            if let (Verdict::Agrees, Some(told)) = (verdict, &self.told[index])
-                && told.seen.clipped == 0
-            {
-                let old = luminance(self.texels[index].radiance).max(f32::MIN_POSITIVE);
+            let Some(told) = &self.told[index] else { continue };
+            tile.clipped |= told.seen.clipped != 0;
+            let remembered = &self.texels[index];
+            if *verdict == Verdict::Agrees && remembered.clipped == 0 && told.is_clear_of_noise() {
+                let old = luminance(remembered.radiance).max(f32::MIN_POSITIVE);
                 let change = luminance(told.seen.radiance) / old - 1.0;
                 tile.compared += 1.0;
                 tile.change += change;
@@ -225,7 +251,10 @@ impl Fusion {
             .zip(told)
             .enumerate()
             .for_each(|(index, (texel, (told, &verdict)))| {
-                let is_new = told.is_some() && changed[tile_of(index, size)];
+                let is_new = changed[tile_of(index, size)]
+                    && told
+                        .as_ref()
+                        .is_some_and(|told| verdict != Verdict::Agrees || told.says_as_much_as(texel));
                 let verdict = if is_new { Verdict::New } else { verdict };
                 learn(texel, told.as_ref(), verdict, (consistency, fading));
             });
@@ -280,6 +309,8 @@ impl Fusion {
 struct Tile {
     comparable: f32,
     contradicting: f32,
+    /// Whether a texel of it clips in the new picture.
+    clipped: bool,
     /// Texels that agree and are measured, with sums of their relative changes.
     compared: f32,
     change: f32,
@@ -298,7 +329,8 @@ impl Tile {
         if self.contradicting > CHANGED_SHARE * self.comparable {
             return true;
         }
-        if self.compared < FEWEST {
+        // Which texels of a tile are left unclipped is chance where it clips, and those are dimmer than the rest.
+        if self.compared < FEWEST || self.clipped {
             return false;
         }
         let mean = self.change / self.compared;
@@ -522,6 +554,21 @@ mod tests {
             fusion.radiance(103)
         );
         assert_eq!(fusion.clipped().texels()[103], 0);
+    }
+
+    #[test]
+    fn a_dark_exposure_does_not_blacken_what_a_long_one_measured() {
+        let (long, signal) = noise(0.02);
+        let (short, short_signal) = noise(0.000_02);
+        let mut fusion = Fusion::new(SIZE, 0.08, 8);
+        for _ in 0..3 {
+            fusion.take(&[(&picture(room(90.0), signal, 1.0), &long)]);
+        }
+        // Black is never below 0, so that its mean is too bright by 0.4 standard deviations of the read noise.
+        let raised = |i: usize| room(90.0)(i) + 0.4 * 6.0 / 12_000.0 / short_signal;
+        fusion.take(&[(&picture(raised, short_signal, 1.0), &short)]);
+        let found = fusion.radiance(500).x;
+        assert!((found / 0.2 - 1.0).abs() < 0.02, "{found}");
     }
 
     #[test]

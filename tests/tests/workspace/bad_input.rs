@@ -129,6 +129,34 @@ fn a_picture_of_the_wrong_size() {
 }
 
 #[test]
+fn an_exposure_that_is_none() {
+    for exposure in ["0", "NaN", "-0.01", "inf", ""] {
+        let broken = Broken::new();
+        let second_frame = "scene/000004.png,0.004694";
+        broken.replace(
+            "recording/frames.csv",
+            second_frame,
+            &format!("scene/000004.png,{exposure}"),
+        );
+        broken.assert_refused(&["frames.csv", "line 4", "exposure_s"]);
+    }
+}
+
+#[test]
+fn frames_whose_size_changes() {
+    if !crate::support::has_adapter() {
+        return;
+    }
+    for (picture, size_px) in [("probe/000004.png", [320, 240]), ("scene/000004.png", [641, 480])] {
+        let broken = Broken::new();
+        let [width, height] = size_px;
+        let path = broken.file(&format!("recording/{picture}"));
+        image::RgbImage::new(width, height).save(path).unwrap();
+        broken.assert_refused(&["640", "480", &width.to_string(), "000004"]);
+    }
+}
+
+#[test]
 fn an_output_folder_that_cannot_be_written() {
     let broken = Broken::new();
     fs::write(broken.file("out"), b"a file stands where the folder should be").unwrap();

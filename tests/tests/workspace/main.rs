@@ -4,5 +4,8 @@
 mod bad_input;
 mod configs;
 mod end_to_end;
+mod light;
+mod light_bad_input;
+mod simulated;
 mod support;
 mod two_processes;

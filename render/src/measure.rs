@@ -63,12 +63,19 @@ impl RenderNode {
             .into_iter()
             .filter(|view| self.is_new(view, pose.is_some()))
             .collect();
+        if !looking.is_empty() {
+            self.blind = None;
+        }
+        for view in looking.iter().filter(|view| hidden.contains(&view.camera)) {
+            let camera = &self.rig.cameras[view.camera];
+            let noise = noise_of(camera, view.frame, &view.optics);
+            let name = camera.name.clone();
+            let why = blindness(&self.look(view)?, &noise).unwrap_or(BlindView::Hidden);
+            self.blind = Some((name, why));
+        }
         // A first light that may be wrong is better than none, if nothing else shows any.
         if self.light.is_some() || looking.iter().any(|view| !hidden.contains(&view.camera)) {
             looking.retain(|view| !hidden.contains(&view.camera));
-        }
-        if let Some(&camera) = hidden.first() {
-            self.blind = Some((self.rig.cameras[camera].name.clone(), BlindView::Hidden));
         }
         if looking.is_empty() {
             self.light_age += 1;
@@ -89,9 +96,6 @@ impl RenderNode {
             if !self.probe.knows_better() {
                 break;
             }
-        }
-        if hidden.is_empty() {
-            self.blind = None;
         }
         self.light_age = 0;
         Ok(())

@@ -57,11 +57,18 @@ impl ViewNoise {
         }
     }
 
-    /// Whether a radiance is below what one step of the picture's codes can show.
+    /// Whether a radiance is below what one step of the picture's codes can show, or its noise in the dark.
     #[must_use]
     pub fn is_black(&self, radiance: Vec3) -> bool {
+        /// Signal of one step of an 8-bit picture in the dark.
         const STEP: f32 = 5e-4;
-        (radiance * self.signal_per_radiance).max_element() < STEP
+        /// Standard deviations of the noise.
+        const SIGMAS: f32 = 3.0;
+        (0..3).all(|channel| {
+            let dark = self.table.channels()[channel].sample_of_signal(0.0, Clipping::None, 1.0);
+            let noise = SIGMAS * dark.floor.sqrt() / self.reflectance[channel];
+            radiance[channel] < noise.max(STEP / self.signal_per_radiance[channel])
+        })
     }
 
     /// What a texel of a view says, as samples of red, green and blue, and how far it is trusted.

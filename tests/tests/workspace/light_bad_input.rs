@@ -43,7 +43,6 @@ fn assert_map_stays(run: &Run, expected: &str) {
 }
 
 #[test]
-#[ignore = "read noise of this camera is above the level below which a picture counts as black"]
 fn a_ball_that_is_black_in_all_pictures() {
     if has_adapter() {
         assert_map_stays(&in_a_room_of(&Stage::two_cameras(), 0.0), "black");
@@ -67,7 +66,7 @@ fn black_and_clipped_pictures_of_a_fisheye() {
 }
 
 #[test]
-fn a_cloth_before_the_ball_camera_is_taken_for_light_and_shows_in_the_residual() {
+fn a_cloth_before_the_ball_camera_is_no_light() {
     if !has_adapter() {
         return;
     }
@@ -82,12 +81,10 @@ fn a_cloth_before_the_ball_camera_is_taken_for_light_and_shows_in_the_residual()
         })
         .collect();
     let run = stage.run(&shots);
-    let residual = |frame: usize| run.light(frame)["residual"].as_f64().unwrap();
-    // Nothing in one picture tells a grey cloth from a grey room; the papers do, which are lit by another light.
-    assert!(residual(N_GOOD - 1) < 0.05, "{}", residual(N_GOOD - 1));
-    assert!(
-        residual(N_GOOD + N_BLIND - 1) > 0.3,
-        "{}",
-        residual(N_GOOD + N_BLIND - 1)
-    );
+    for frame in N_GOOD..N_GOOD + N_BLIND {
+        let light = run.light(frame);
+        assert!(light["blind"].to_string().contains("outline"), "{light}");
+        // The ball in the scene camera's picture still shows the light.
+        assert!(light["residual"].as_f64().unwrap() < 0.05, "{light}");
+    }
 }

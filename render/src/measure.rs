@@ -279,20 +279,26 @@ fn blindness(texels: &[Vec4], noise: &ViewNoise) -> Option<BlindView> {
     /// A view that shows less than this share of the directions is none.
     const LEAST_SEEN: f32 = 0.005;
     /// A picture of which more than this share is clipped or black tells nothing.
-    const MOST_LOST: f32 = 0.98;
-    let (mut seen, mut clipped, mut black) = (0usize, 0usize, 0usize);
+    const MOST_LOST: f32 = 0.95;
+    let mut seen = 0usize;
+    // Weighted by quality: near the ball's outline the background is mixed in.
+    let (mut total, mut clipped, mut black) = (0.0f32, 0.0f32, 0.0f32);
     for texel in texels.iter().filter_map(|texel| Seen::unpack(*texel)) {
         seen += 1;
-        clipped += usize::from(texel.clipped == 7);
-        black += usize::from(noise.is_black(texel.radiance));
+        total += texel.quality;
+        if texel.clipped == 7 {
+            clipped += texel.quality;
+        } else if noise.is_black(texel.radiance) {
+            black += texel.quality;
+        }
     }
     if (seen as f32) < LEAST_SEEN * texels.len() as f32 {
         return Some(BlindView::NotSeen);
     }
-    let lost = MOST_LOST * seen as f32;
-    if clipped as f32 > lost {
+    let lost = MOST_LOST * total;
+    if clipped > lost {
         Some(BlindView::Clipped)
-    } else if black as f32 > lost {
+    } else if black > lost {
         Some(BlindView::Black)
     } else {
         None

@@ -115,6 +115,12 @@ struct Flicker {
     direction_deg: f64,
 }
 
+/// The goals for a still scene.
+const STILL: Flicker = Flicker {
+    power_percent: 1.0,
+    direction_deg: 0.2,
+};
+
 /// Checks how much every light of the last frame varies from a frame on that has a twentieth of the strongest's power.
 fn assert_still(run: &Run, from: usize, most: Flicker) {
     let frames = run.strong_lights().split_off(from);

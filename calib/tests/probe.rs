@@ -277,7 +277,10 @@ fn bad_options_are_named_with_a_hint() {
             [&exposed[..], &["--room-distance-m", "0"]].concat(),
             "the room's distance is `0 m`",
         ),
-        ([&exposed[..], &[&image]].concat(), "`2` pictures were given"),
+        (
+            vec![&image, "--exposure-s", "0.01,0.02,0.03"],
+            "`3` exposure times were given for `2` pictures",
+        ),
     ] {
         bad.assert_refused("fisheye.png", &options, expected);
     }

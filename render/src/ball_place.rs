@@ -2,7 +2,7 @@
 //!
 //! Every picture tells the two coordinates across its line of sight (`calib::probe::outline`); pictures from different sides
 //! tell all three. They are weighted by their certainty and added to what the rig file says, which counts as one measurement
-//! of [`RULER_SIGMA_M`]: the information form of the Kalman filter for something that stands still.
+//! good to a millimetre: the information form of the Kalman filter for something that stands still.
 
 use glam::{DMat3, DVec3, Vec3};
 use mirrorball_calib::probe::View;

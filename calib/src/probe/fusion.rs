@@ -165,7 +165,7 @@ pub struct Fusion {
 }
 
 impl Fusion {
-    /// Nothing remembered yet; faces of `size` texels, a multiple of [`TILE`]. Light that differs by `tolerance` (a share) and
+    /// Nothing remembered yet; faces of `size` texels, a multiple of 8, the edge of a tile. Light that differs by `tolerance` (a share) and
     /// the noise is new; standing light is averaged over about `average_frames` pictures, 1 or more.
     #[must_use]
     pub fn new(size: u32, tolerance: f32, average_frames: u32) -> Self {

@@ -49,9 +49,18 @@ pub fn text(sequences: &[SequenceLight]) -> String {
     let mut lines = vec![
         line(
             "",
-            ["light", "light", "irradiance", "upper", "unclipped", "lamp", "lamp", ""],
+            [
+                "light",
+                "light",
+                "irradiance",
+                "upper",
+                "unclipped",
+                "lamp at",
+                "lamp at",
+                "",
+            ],
         ),
-        line("", ["deg", "worst", "%", "%", "%", "m off, %", "worst", "frames"]),
+        line("", ["deg", "worst", "%", "%", "%", "off by %", "worst", "frames"]),
     ];
     for sequence in sequences {
         let lamps = Spread::of(sequence.lamps.iter().filter_map(|lamp| lamp.error_percent).collect());

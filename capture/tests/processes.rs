@@ -3,6 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -190,6 +192,42 @@ fn a_daemon_killed_while_it_starts_leaves_nothing_in_the_way() {
         std::thread::sleep(Duration::from_millis(delay_ms));
         drop(child);
     }
+    let _child = daemon.start(&["--loop", "--pace", "max"]);
+    let mut subscriber = handover::subscribe_to(&daemon.service).unwrap();
+    assert!(is_set(&mut subscriber, WATCHDOG));
+}
+
+/// What a process leaves that is killed between naming shared memory and giving it a size.
+#[test]
+fn shared_memory_without_size_is_in_nobodys_way() {
+    let daemon = Daemon::new();
+    let child = daemon.start(&["--loop", "--pace", "max"]);
+    let mut reader = daemon.start_reader();
+    wait_for_first_set(&mut reader);
+    let reader_id = reader.0.id();
+    // Standing still, they leave everything where it is; once killed, any other test clears away after them.
+    let stop = format!("kill -STOP {} {reader_id}", child.0.id());
+    assert!(Command::new("sh").args(["-c", &stop]).status().unwrap().success());
+    // iceoryx2 names a connection `PREFIX_HASH_SENDER_RECEIVER`; bits 64 to 95 of a port are its process.
+    let is_the_readers = |path: &Path| {
+        let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let receiver = stem.rsplit('_').next().and_then(|port| port.parse::<u128>().ok());
+        receiver.is_some_and(|port| (port >> 64) & u128::from(u32::MAX) == u128::from(reader_id))
+    };
+    let mut n_connections = 0;
+    for entry in std::fs::read_dir("/dev/shm").unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|end| end == "connection") && is_the_readers(&path) {
+            std::fs::File::create(&path).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o200)).unwrap();
+            n_connections += 1;
+        }
+    }
+    drop((reader, child));
+    assert!(
+        n_connections > 0,
+        "iceoryx2 names its connections as this test believes"
+    );
     let _child = daemon.start(&["--loop", "--pace", "max"]);
     let mut subscriber = handover::subscribe_to(&daemon.service).unwrap();
     assert!(is_set(&mut subscriber, WATCHDOG));

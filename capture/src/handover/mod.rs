@@ -35,6 +35,7 @@ mod pixels;
 mod process;
 mod service;
 mod thread;
+mod unborn;
 
 pub use error::HandoverError;
 

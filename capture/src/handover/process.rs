@@ -20,6 +20,7 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use super::packet::{self, PacketError};
 use super::pixels::{BlockCache, BlockPool, BlockStore, LENT_BLOCKS};
 use super::service::{OpenService, PATIENCE, PublishingRight, cannot_open, open_service, with_patience};
+use super::unborn;
 use super::{Arrival, HandoverError, NumberedSet, PublishOutcome, READERS_MAX};
 use crate::frame::{Frame, FrameSet};
 
@@ -191,7 +192,7 @@ impl ProcessPublisher {
 
     /// Clears away dead readers and counts the rest.
     pub(super) fn count_readers(&self) -> usize {
-        self.node.try_cleanup_dead_nodes();
+        clean_up(&self.node);
         self.sets.dynamic_config().number_of_subscribers()
     }
 
@@ -354,5 +355,5 @@ fn open_block_store(
 
 /// Frees the places of ports whose processes have died.
 fn clean_up(node: &Node<Ipc>) {
-    node.try_cleanup_dead_nodes();
+    unborn::while_removing(node.config(), || node.try_cleanup_dead_nodes());
 }

@@ -3,7 +3,8 @@
 //! iceoryx2 clears away what dead processes held, but not a service whose maker was killed in the few milliseconds
 //! while it made it, or whose machine has lost its power: that service blocks its name for ever. So all programs of
 //! this crate open services one at a time, under a file lock that the system releases when its holder dies. Who holds
-//! the lock and still finds a service half made knows that its maker is dead, and removes it.
+//! the lock and still finds a service half made knows that its maker is dead, and removes it. Shared memory whose maker
+//! was killed before it had a size is worse, since iceoryx2 waits for it without end: [`unborn`] removes it.
 
 use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
@@ -20,6 +21,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
 
 use super::pixels::{BORROWED_BLOCKS, BlockHeader, QUEUED_BLOCKS};
+use super::unborn;
 use super::{HandoverError, READERS_MAX};
 
 /// Publishers iceoryx2 keeps places for. Only one lives at a time; in the other places may be remains of killed ones
@@ -68,17 +70,22 @@ pub(super) fn open_service(service_name: &str) -> Result<OpenService, HandoverEr
     let mut config = Config::default();
     config.global.creation_timeout = CREATION_TIMEOUT;
     let lock = lock_opening(&config).map_err(|error| cannot_open(service_name, "the lock file", error))?;
+    unborn::while_removing(&config, || open_locked(&config, name, &lock))
+}
+
+/// The steps of [`open_service`] that need its lock.
+fn open_locked(config: &Config, name: ServiceName, lock: &OpeningLock) -> Result<OpenService, HandoverError> {
+    let service_name = name.as_str();
     let node = NodeBuilder::new()
-        .config(&config)
+        .config(config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<Ipc>()
         .map_err(|error| cannot_open(service_name, "the node", error))?;
-    let sets = open_sets(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
+    let sets = open_sets(&node, &name, lock).map_err(|error| cannot_open(service_name, "the frame sets", error))?;
     let blocks_name = blocks_name(&name).map_err(|_| name_not_allowed(service_name))?;
     let blocks =
-        open_blocks(&node, &blocks_name, &lock).map_err(|error| cannot_open(service_name, "the pixels", error))?;
-    let wakeups =
-        open_wakeups(&node, &name, &lock).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
+        open_blocks(&node, &blocks_name, lock).map_err(|error| cannot_open(service_name, "the pixels", error))?;
+    let wakeups = open_wakeups(&node, &name, lock).map_err(|error| cannot_open(service_name, "the wake-ups", error))?;
     Ok(OpenService {
         name,
         node,

@@ -145,6 +145,16 @@ pub enum RenderError {
         #[source]
         source: wgpu::RequestDeviceError,
     },
+    /// A shadow method cannot draw what it was asked to.
+    #[error("shadow method `{method}`: {message}")]
+    Shadow {
+        /// Name of the method.
+        method: &'static str,
+        /// What it cannot draw, and why.
+        message: String,
+        /// What to do about it.
+        hint: &'static str,
+    },
     /// The GPU lost work or data.
     #[error("the GPU failed while `{during}`: {message}")]
     Gpu {
@@ -187,6 +197,7 @@ impl RenderError {
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
             Self::Signals { .. } => None,
+            Self::Shadow { hint, .. } => Some((*hint).into()),
             Self::Decode { .. } => Some("skip bad frames with `--skip-bad-frames`".into()),
             Self::FrameSize { .. } => Some("give the rig file that belongs to this camera mode".into()),
             Self::NoAdapter { .. } => {
@@ -217,6 +228,7 @@ impl RenderError {
             | Self::NoSceneFrame { .. }
             | Self::Decode { .. }
             | Self::FrameSize { .. }
+            | Self::Shadow { .. }
             | Self::Write { .. } => true,
             Self::Handover { source, .. } => source.is_bad_input(),
             Self::NoAdapter { .. }

@@ -11,6 +11,7 @@
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
 //! - [`scene`]: virtual objects and phantoms;
 //! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
+//! - [`shadow`]: every way to draw a shadow, all on the same scene, to be compared; [`lab`]: that scene, without cameras;
 //! - [`output`]: files and window.
 //!
 //! Conventions are those of `mirrorball_calib`: world = main marker, z out of the paper; camera x right, y down, z forward;
@@ -27,6 +28,7 @@ pub mod environments;
 pub mod error;
 pub mod frame;
 pub mod gpu;
+pub mod lab;
 pub mod light_maps;
 pub mod light_tree;
 pub mod measure;
@@ -37,4 +39,5 @@ pub mod probe;
 pub mod reference;
 pub mod scene;
 pub mod scene_gpu;
+pub mod shadow;
 pub mod tracker;

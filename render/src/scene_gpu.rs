@@ -1,6 +1,6 @@
 //! The scene and the cameras' pictures as the GPU holds them.
 
-use glam::Vec4;
+use glam::{Affine3A, Vec4};
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::Frame;
 
@@ -30,6 +30,10 @@ pub struct SceneBuffers {
     pub materials: wgpu::Buffer,
     /// Base colour pictures, one layer each.
     pub base_colors: wgpu::TextureView,
+    /// Indices of every object's triangles.
+    of_object: Vec<Vec<u32>>,
+    /// Environment slot of every object, and 1 for a virtual one.
+    slots: Vec<[u32; 2]>,
 }
 
 /// Indices of some triangles.
@@ -48,12 +52,24 @@ impl SceneBuffers {
     /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more base
     /// colour pictures than the adapter takes.
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Result<Self, RenderError> {
+        let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(rig)).collect();
+        Self::placed(gpu, scene, &placements, MAX_EDGE_M)
+    }
+
+    /// Uploads a scene whose objects stand at `placements` (world from object), triangles split until no edge is longer
+    /// than `max_edge_m`.
+    ///
+    /// # Errors
+    /// As [`SceneBuffers::new`].
+    pub fn placed(gpu: &Gpu, scene: &Scene, placements: &[Affine3A], max_edge_m: f32) -> Result<Self, RenderError> {
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
+        let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
+        let mut slots = Vec::with_capacity(scene.objects.len());
         let (mut objects, mut materials, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
         let mut n_virtual = 0u32;
         for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = subdivided(&object.mesh, MAX_EDGE_M).ok_or_else(|| RenderError::Mesh {
+            let mesh = subdivided(&object.mesh, max_edge_m).ok_or_else(|| RenderError::Mesh {
                 file: object.file.clone(),
                 object: object.name.clone(),
                 message: "it is so large that its edges cannot be split for the lens; are its units metres?".into(),
@@ -71,8 +87,11 @@ impl SceneBuffers {
                 }
                 Kind::Phantom => (&mut phantoms, 0, 0),
             };
-            indices.extend(mesh.indices.iter().map(|i| first_vertex + i));
-            objects.push(GpuObject::new(object.world_from_object(rig), slot, is_virtual));
+            let own: Vec<u32> = mesh.indices.iter().map(|i| first_vertex + i).collect();
+            indices.extend_from_slice(&own);
+            of_object.push(own);
+            slots.push([slot, is_virtual]);
+            objects.push(GpuObject::new(placements[index], slot, is_virtual));
             for material in &mesh.materials {
                 let layer = material.base_color_texture.as_ref().map_or(0, |picture| {
                     pictures.push(picture.clone());
@@ -81,17 +100,13 @@ impl SceneBuffers {
                 materials.push(gpu_material(material, layer));
             }
         }
-        let indices = |label: &str, indices: &[u32]| IndexRange {
-            n_indices: indices.len() as u32,
-            buffer: gpu.buffer(label, if indices.is_empty() { &[0, 0, 0] } else { indices }),
-        };
         let or_one = |mut items: Vec<Vertex>| {
             if items.is_empty() {
                 items.push(<Vertex as bytemuck::Zeroable>::zeroed());
             }
             items
         };
-        objects.push(GpuObject::new(glam::Affine3A::IDENTITY, 0, 0));
+        objects.push(GpuObject::new(Affine3A::IDENTITY, 0, 0));
         materials.push(<GpuMaterial as bytemuck::Zeroable>::zeroed());
         let limits = gpu.device.limits();
         gpu.within(
@@ -101,8 +116,10 @@ impl SceneBuffers {
         )?;
         Ok(Self {
             vertices: gpu.buffer("scene: vertices", &or_one(vertices)),
-            phantoms: indices("scene: phantom triangles", &phantoms),
-            virtuals: indices("scene: virtual triangles", &virtuals),
+            phantoms: IndexRange::new(gpu, "scene: phantom triangles", &phantoms),
+            virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
+            of_object,
+            slots,
             objects: gpu.buffer("scene: objects", &objects),
             materials: gpu.buffer("scene: materials", &materials),
             base_colors: upload_base_colors(gpu, &pictures),
@@ -110,7 +127,38 @@ impl SceneBuffers {
     }
 }
 
+impl SceneBuffers {
+    /// The triangles of some objects, by their indices in the scene.
+    #[must_use]
+    pub fn range(&self, gpu: &Gpu, label: &str, objects: &[usize]) -> IndexRange {
+        let indices: Vec<u32> = objects
+            .iter()
+            .flat_map(|&i| self.of_object[i].iter().copied())
+            .collect();
+        IndexRange::new(gpu, label, &indices)
+    }
+
+    /// Moves the objects: one placement per object, world from object.
+    pub fn place(&self, gpu: &Gpu, placements: &[Affine3A]) {
+        let objects: Vec<GpuObject> = placements
+            .iter()
+            .zip(&self.slots)
+            .map(|(&placement, &[slot, is_virtual])| GpuObject::new(placement, slot, is_virtual))
+            .collect();
+        if !objects.is_empty() {
+            gpu.write(&self.objects, &objects);
+        }
+    }
+}
+
 impl IndexRange {
+    fn new(gpu: &Gpu, label: &str, indices: &[u32]) -> Self {
+        Self {
+            n_indices: indices.len() as u32,
+            buffer: gpu.buffer(label, if indices.is_empty() { &[0, 0, 0] } else { indices }),
+        }
+    }
+
     /// Draws the triangles with the pipeline and bindings already set.
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, vertices: &wgpu::Buffer) {
         if self.n_indices > 0 {

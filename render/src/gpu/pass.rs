@@ -68,15 +68,47 @@ impl Gpu {
         })
     }
 
+    /// A 2-D texture that is drawn to and read from, of any colour or depth format.
+    #[must_use]
+    pub fn target(&self, label: &str, shape: TextureShape, format: wgpu::TextureFormat) -> wgpu::Texture {
+        let mut usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+        if !format.is_depth_stencil_format() {
+            usage |= wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        }
+        self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width: shape.size_px[0],
+                height: shape.size_px[1],
+                depth_or_array_layers: shape.layers,
+            },
+            mip_level_count: shape.mips,
+            sample_count: shape.samples,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
     /// A compute pipeline whose layout is read off the shader.
     #[must_use]
     pub fn compute_pipeline(&self, name: &'static str) -> wgpu::ComputePipeline {
+        self.compute_pipeline_variant(name, &[])
+    }
+
+    /// The same with values for the shader's pipeline constants.
+    #[must_use]
+    pub fn compute_pipeline_variant(&self, name: &'static str, constants: &[(&str, f64)]) -> wgpu::ComputePipeline {
         self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(name),
             layout: None,
             module: &shader::module(&self.device, name),
             entry_point: None,
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                ..wgpu::PipelineCompilationOptions::default()
+            },
             cache: None,
         })
     }

@@ -1,6 +1,7 @@
 //! Results that come back from the GPU to memory.
 
 use bytemuck::Pod;
+use glam::Vec4;
 
 use super::Gpu;
 use crate::error::RenderError;
@@ -83,5 +84,63 @@ impl Readback {
         drop(view);
         self.mapped.unmap();
         Ok(())
+    }
+}
+
+impl Gpu {
+    /// Reads back the first layer and mip of a texture of four half floats per texel, rows from the top. For tests and
+    /// files: it makes its buffers anew.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn read_half(&self, texture: &wgpu::Texture) -> Result<Vec<Vec4>, RenderError> {
+        let texels: Vec<[half::f16; 4]> = self.read_texels(texture)?;
+        Ok(texels
+            .iter()
+            .map(|t| Vec4::from_array(t.map(half::f16::to_f32)))
+            .collect())
+    }
+
+    /// The same for four single floats per texel.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn read_float(&self, texture: &wgpu::Texture) -> Result<Vec<Vec4>, RenderError> {
+        self.read_texels(texture)
+    }
+
+    fn read_texels<T: Pod>(&self, texture: &wgpu::Texture) -> Result<Vec<T>, RenderError> {
+        const ALIGNMENT: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
+        let (width, height) = (texture.width() as usize, texture.height() as usize);
+        let row_bytes = width * size_of::<T>();
+        let padded = row_bytes.next_multiple_of(ALIGNMENT);
+        let readback = Readback::new(self, "texels", (padded * height) as u64);
+        let mut encoder = self
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("texels") });
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: readback.buffer(),
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded as u32),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::Extent3d {
+                width: width as u32,
+                height: height as u32,
+                depth_or_array_layers: 1,
+            },
+        );
+        readback.record(&mut encoder);
+        self.queue.submit([encoder.finish()]);
+        let mut bytes = vec![0u8; padded * height];
+        readback.read(self, &mut bytes)?;
+        let rows = bytes.chunks_exact(padded).map(|row| &row[..row_bytes]);
+        Ok(rows
+            .flat_map(|row| row.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned))
+            .collect())
     }
 }

@@ -3,21 +3,23 @@
 use std::borrow::Cow;
 
 /// Sources that passes share, by the name they are imported with.
-const SHARED: [(&str, &str); 10] = [
+const SHARED: &[(&str, &str)] = &[
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
     ("direct", include_str!("../../shaders/shared/direct.wgsl")),
+    ("key_light", include_str!("../../shaders/shared/key_light.wgsl")),
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
+    ("view", include_str!("../../shaders/shared/view.wgsl")),
 ];
 
 /// Sources of the passes, by the name of the pass.
-pub const PASSES: [(&str, &str); 18] = [
+pub const PASSES: &[(&str, &str)] = &[
     ("camera_depth", include_str!("../../shaders/camera_depth.wgsl")),
     ("composite", include_str!("../../shaders/composite.wgsl")),
     ("cylindrical", include_str!("../../shaders/cylindrical.wgsl")),
@@ -42,6 +44,8 @@ pub const PASSES: [(&str, &str); 18] = [
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
     ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
+    ("surface", include_str!("../../shaders/surface.wgsl")),
+    ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),
 ];
 
 /// The complete WGSL of a pass; an unknown import stays in place and fails to compile, naming the line.

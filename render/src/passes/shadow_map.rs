@@ -216,7 +216,7 @@ impl ShadowView {
 
 /// Two unit vectors that make a right-handed frame with `forward` (Duff et al. 2017, "Building an orthonormal basis,
 /// revisited").
-fn basis(forward: Vec3) -> [Vec3; 2] {
+pub(crate) fn basis(forward: Vec3) -> [Vec3; 2] {
     let sign = if forward.z >= 0.0 { 1.0 } else { -1.0 };
     let a = -1.0 / (sign + forward.z);
     let b = forward.x * forward.y * a;

@@ -1,0 +1,216 @@
+//! Shadows without cameras: a scene of virtual objects, a pinhole view, one light that can be moved, ambient light from
+//! everywhere, and any shadow method.
+
+pub mod shading;
+
+use glam::{Affine3A, Vec3, Vec4};
+
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
+use crate::gpu::timer::Timer;
+use crate::scene::Scene;
+use crate::scene_gpu::{IndexRange, SceneBuffers};
+use crate::shadow::ShadowMethod;
+use crate::shadow::casters::Casters;
+use crate::shadow::key::{Job, KeyShadow};
+use crate::shadow::light::ShadowLight;
+use crate::shadow::surface::{Surface, SurfacePass};
+use crate::shadow::view::View;
+use shading::Shading;
+
+/// Edge of a one-light method's shadow map where nothing else is asked for, texels.
+pub const MAP_SIZE: u32 = 1024;
+
+/// A scene on the GPU with all that is needed to draw it.
+#[derive(Debug)]
+pub struct Lab {
+    gpu: Gpu,
+    scene: Scene,
+    placements: Vec<Affine3A>,
+    buffers: SceneBuffers,
+    everything: IndexRange,
+    casters: Casters,
+    surface_pass: SurfacePass,
+    surface: Surface,
+    light_buffer: wgpu::Buffer,
+    visibility: wgpu::Texture,
+    visibility_view: wgpu::TextureView,
+    shading: Shading,
+    timer: Timer,
+    key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
+}
+
+/// A finished picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabPicture {
+    /// Columns and rows.
+    pub size_px: [u32; 2],
+    /// Linear radiance, rows from the top; w: 1 where there is a surface.
+    pub radiance: Vec<Vec4>,
+    /// Milliseconds per pass, measured by the GPU.
+    pub stages_ms: Vec<(&'static str, f64)>,
+}
+
+/// What is drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct LabFrame<'a> {
+    /// How shadows are drawn.
+    pub method: ShadowMethod,
+    /// Edge of shadow maps, texels.
+    pub map_size: u32,
+    /// The light.
+    pub light: &'a ShadowLight,
+    /// Radiance of the light that comes from everywhere alike, linear RGB.
+    pub ambient: Vec3,
+}
+
+impl Lab {
+    /// Uploads a scene of virtual objects at `placements`, all of which cast and receive shadows.
+    ///
+    /// # Errors
+    /// As [`SceneBuffers::placed`].
+    pub fn new(gpu: Gpu, scene: Scene, placements: Vec<Affine3A>, view: &View) -> Result<Self, RenderError> {
+        let buffers = SceneBuffers::placed(&gpu, &scene, &placements, f32::INFINITY)?;
+        let all: Vec<usize> = (0..scene.objects.len()).collect();
+        let everything = buffers.range(&gpu, "lab: everything", &all);
+        let casters = Casters::new(&gpu, &buffers, (&scene, &placements), |_| true);
+        let surface_pass = SurfacePass::new(&gpu);
+        let surface = surface_pass.surface(&gpu, view, &buffers);
+        let visibility = gpu.target("lab: visibility", TextureShape::plain(view.size_px), RADIANCE_FORMAT);
+        let visibility_view = visibility.create_view(&wgpu::TextureViewDescriptor::default());
+        let light_buffer = gpu.buffer(
+            "lab: light",
+            &[<crate::shadow::light::GpuShadowLight as bytemuck::Zeroable>::zeroed()],
+        );
+        let shading = Shading::new(&gpu, &surface, (&light_buffer, &visibility_view));
+        Ok(Self {
+            timer: Timer::new(&gpu),
+            gpu,
+            scene,
+            placements,
+            buffers,
+            everything,
+            casters,
+            surface_pass,
+            surface,
+            light_buffer,
+            visibility,
+            visibility_view,
+            shading,
+            key: None,
+        })
+    }
+
+    /// The graphics device.
+    #[must_use]
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// What casts shadows, where it stands now.
+    #[must_use]
+    pub fn casters(&self) -> &Casters {
+        &self.casters
+    }
+
+    /// Moves the objects: one placement per object, world from object.
+    pub fn place(&mut self, placements: &[Affine3A]) {
+        self.placements.clear();
+        self.placements.extend_from_slice(placements);
+        self.buffers.place(&self.gpu, placements);
+        self.casters.place(placements);
+    }
+
+    /// Moves the camera; the picture keeps its size.
+    pub fn set_view(&mut self, view: &View) {
+        self.surface.set_view(&self.gpu, view);
+    }
+
+    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass.
+    ///
+    /// # Errors
+    /// [`RenderError::Shadow`] where the method cannot serve, [`RenderError::Gpu`] when the device is lost.
+    pub fn draw(&mut self, frame: &LabFrame<'_>) -> Result<Vec<(&'static str, f64)>, RenderError> {
+        self.prepare_key(frame)?;
+        let gpu = &self.gpu;
+        gpu.write(&self.light_buffer, &[frame.light.to_gpu()]);
+        self.shading.write(gpu, frame.ambient);
+        self.timer.start_frame();
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("lab") });
+        let inputs = (&self.surface, &self.buffers, &self.everything);
+        self.surface_pass.record(&mut encoder, &mut self.timer, inputs);
+        match &mut self.key {
+            Some((_, _, method)) => {
+                let job = Job {
+                    surface: &self.surface,
+                    scene: &self.buffers,
+                    casters: &self.casters,
+                    light: frame.light,
+                    light_buffer: &self.light_buffer,
+                    visibility: &self.visibility_view,
+                };
+                method.record(gpu, &mut encoder, &mut self.timer, &job)?;
+            }
+            None => self.shading.clear(&mut encoder, &self.visibility_view),
+        }
+        self.shading.record(&mut encoder, &mut self.timer);
+        self.timer.record(&mut encoder);
+        gpu.queue.submit([encoder.finish()]);
+        gpu.wait("drawing the shadow scene")?;
+        self.timer.read_ms(gpu)
+    }
+
+    /// Makes the passes of the frame's method, unless they are the last frame's.
+    fn prepare_key(&mut self, frame: &LabFrame<'_>) -> Result<(), RenderError> {
+        let (method, map_size) = (frame.method, frame.map_size);
+        if !self
+            .key
+            .as_ref()
+            .is_some_and(|(m, s, _)| (*m, *s) == (method, map_size))
+        {
+            self.key = method
+                .key_shadow(&self.gpu, map_size)?
+                .map(|passes| (method, map_size, passes));
+        }
+        Ok(())
+    }
+
+    /// Draws a picture and reads it back.
+    ///
+    /// # Errors
+    /// As [`Lab::draw`].
+    pub fn picture(&mut self, frame: &LabFrame<'_>) -> Result<LabPicture, RenderError> {
+        let stages_ms = self.draw(frame)?;
+        Ok(LabPicture {
+            size_px: self.surface.view.size_px,
+            radiance: self.shading.read(&self.gpu)?,
+            stages_ms,
+        })
+    }
+
+    /// The share of the light that the last picture's method let arrive, per pixel, rows from the top.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn visibility(&self) -> Result<Vec<f32>, RenderError> {
+        let texels = self.gpu.read_half(&self.visibility)?;
+        Ok(texels.iter().map(|texel| texel.x).collect())
+    }
+
+    /// Places of the last picture's surfaces, world, metres; w: 1 where there is one.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn places(&self) -> Result<Vec<Vec4>, RenderError> {
+        self.gpu.read_float(&self.surface.place_texture)
+    }
+}

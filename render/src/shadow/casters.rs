@@ -1,0 +1,116 @@
+//! Things that cast shadows, on the GPU and in memory.
+
+use glam::{Affine3A, Vec3};
+
+use crate::gpu::Gpu;
+use crate::passes::shadow_map::{Sphere, enclosing};
+use crate::scene::{Mesh, Scene};
+use crate::scene_gpu::{IndexRange, SceneBuffers};
+
+/// A set of objects that cast shadows together: the real ones, or all.
+#[derive(Debug)]
+pub struct Casters {
+    /// Their triangles in the scene's vertex buffer.
+    pub range: IndexRange,
+    /// The objects one by one.
+    pub objects: Vec<Caster>,
+}
+
+/// One object that casts a shadow.
+#[derive(Debug)]
+pub struct Caster {
+    /// Its name, for messages.
+    pub name: String,
+    /// Its index in the scene.
+    pub index: usize,
+    /// Its triangles in its own frame, as the scene file gives them.
+    pub mesh: Mesh,
+    /// Where it stands.
+    pub world_from_object: Affine3A,
+    /// Sphere around it in its own frame.
+    sphere: Sphere,
+}
+
+impl Casters {
+    /// The objects of a scene that `is_caster` chooses by index, placed.
+    #[must_use]
+    pub fn new(
+        gpu: &Gpu,
+        buffers: &SceneBuffers,
+        (scene, placements): (&Scene, &[Affine3A]),
+        is_caster: impl Fn(usize) -> bool,
+    ) -> Self {
+        let chosen: Vec<usize> = (0..scene.objects.len()).filter(|&i| is_caster(i)).collect();
+        let objects = chosen
+            .iter()
+            .map(|&index| {
+                let object = &scene.objects[index];
+                Caster {
+                    name: object.name.clone(),
+                    index,
+                    mesh: object.mesh.clone(),
+                    world_from_object: placements[index],
+                    sphere: sphere_around(&object.mesh),
+                }
+            })
+            .collect();
+        Self {
+            range: buffers.range(gpu, "casters", &chosen),
+            objects,
+        }
+    }
+
+    /// Moves the objects: one placement per object of the scene.
+    pub fn place(&mut self, placements: &[Affine3A]) {
+        for caster in &mut self.objects {
+            caster.world_from_object = placements[caster.index];
+        }
+    }
+
+    /// Sphere around all of them, world; a small one at the origin without any.
+    #[must_use]
+    pub fn bounds(&self) -> Sphere {
+        let spheres: Vec<Sphere> = self.objects.iter().map(Caster::bounds).collect();
+        enclosing(&spheres).unwrap_or(Sphere {
+            center_m: Vec3::ZERO,
+            radius_m: 0.1,
+        })
+    }
+
+    /// All triangles in the world frame, metres, object after object.
+    pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.objects.iter().flat_map(Caster::triangles)
+    }
+}
+
+impl Caster {
+    /// Sphere around it, world frame.
+    #[must_use]
+    pub fn bounds(&self) -> Sphere {
+        Sphere {
+            center_m: self.world_from_object.transform_point3(self.sphere.center_m),
+            radius_m: self.sphere.radius_m,
+        }
+    }
+
+    /// Its triangles in the world frame, metres.
+    pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.mesh.indices.chunks_exact(3).map(|triangle| {
+            [0, 1, 2].map(|i| {
+                let vertex = &self.mesh.vertices[triangle[i] as usize];
+                self.world_from_object.transform_point3(Vec3::from(vertex.position))
+            })
+        })
+    }
+}
+
+fn sphere_around(mesh: &Mesh) -> Sphere {
+    let points = || mesh.vertices.iter().map(|v| Vec3::from(v.position));
+    let low = points().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
+    let high = points().reduce(Vec3::max).unwrap_or(Vec3::ZERO);
+    let center_m = 0.5 * (low + high);
+    Sphere {
+        center_m,
+        radius_m: points().map(|p| p.distance(center_m)).fold(0.0, f32::max),
+    }
+}

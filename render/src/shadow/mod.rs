@@ -1,0 +1,14 @@
+//! Every way to draw a shadow that the literature of 1977 to 2006 offers, and the references that they are measured
+//! against: all on the same scene, view and light, so that they can be compared and switched while running.
+//!
+//! A one-light method ([`key::KeyShadow`]) fills a picture with the share of one light that arrives; the rest of the light
+//! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
+
+pub mod casters;
+pub mod key;
+pub mod light;
+mod methods;
+pub mod surface;
+pub mod view;
+
+pub use methods::{Family, ShadowMethod};

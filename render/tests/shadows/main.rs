@@ -4,3 +4,6 @@
 
 mod blocks;
 mod lab;
+mod planar;
+mod rays;
+mod volumes;

@@ -6,6 +6,7 @@
 
 pub mod blob;
 pub mod casters;
+pub mod dome;
 pub mod haller;
 pub mod key;
 pub mod light;

@@ -92,6 +92,7 @@ pub(crate) fn frame(method: ShadowMethod, light: &ShadowLight) -> LabFrame<'_> {
         map_size: MAP_SIZE,
         light,
         ambient: Vec3::ZERO,
+        refreshes_max: usize::MAX,
     }
 }
 

@@ -6,7 +6,7 @@
 struct Blob {
     // xyz: middle of the object; w: its index.
     center_m: vec4f,
-    // xyz: unit direction against which the spot falls; w: half the object's extent along it, metres.
+    // xyz: unit direction against which the spot falls; w: height of the object's lowest part, metres.
     up: vec4f,
     // Place across `up`, relative to the middle, to place in the footprint's unit circle: rows x and y.
     across_x: vec4f,
@@ -27,6 +27,8 @@ struct Blobs {
 
 // Radius at which a spot that touches is still as dark as in the middle, in footprints.
 const CORE: f32 = 0.55;
+// How far below an object's middle a surface has to be.
+const LOWER_M: f32 = 0.0002;
 
 @compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) at: vec3u) {
@@ -38,31 +40,29 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     var lit = 1.0;
     if place.w > 0.0 {
         for (var i = 0u; i < all.counts.x; i++) {
-            lit *= 1.0 - darkness(all.blobs[i], place.xyz, normal);
+            lit *= 1.0 - darkness(i, place.xyz, normal);
         }
     }
     textureStore(visibility, at.xy, vec4f(lit, lit, lit, 1.0));
 }
 
-fn darkness(blob: Blob, place: vec3f, normal: vec4f) -> f32 {
-    let offset = place - blob.center_m.xyz;
-    let circle = vec2f(dot(blob.across_x.xyz, offset), dot(blob.across_y.xyz, offset));
-    let radius = length(circle);
-    let facing = dot(normal.xyz, blob.up.xyz);
-    // Not on the object itself, nor on what turns away.
-    if radius >= blob.fade.y || facing <= 0.0 || normal.w == blob.center_m.w {
+fn darkness(i: u32, place: vec3f, normal: vec4f) -> f32 {
+    // What the object is sunk into gets its spot, what stands beside it none; it gets none itself.
+    let center = all.blobs[i].center_m;
+    let offset = place - center.xyz;
+    if offset.z > -LOWER_M || normal.w == center.w {
         return 0.0;
     }
-    // How far the surface lies below the object's lowest part; a surface that reaches into the object still gets the spot,
-    // one above its middle none.
-    let below = -dot(offset, blob.up.xyz);
-    if below <= 0.0 {
+    let circle = vec2f(dot(all.blobs[i].across_x.xyz, offset), dot(all.blobs[i].across_y.xyz, offset));
+    let reach = all.blobs[i].fade.y;
+    if dot(circle, circle) >= reach * reach {
         return 0.0;
     }
-    let height = max(below - blob.up.w, 0.0);
-    let near = 1.0 / (1.0 + height / blob.fade.x);
+    let up = all.blobs[i].up;
+    let facing = dot(normal.xyz, up.xyz);
+    let near = 1.0 / (1.0 + max(up.w - place.z, 0.0) / all.blobs[i].fade.x);
     // The spot grows wider and paler with height.
-    let edge = 1.0 + (blob.fade.y - 1.0) * (1.0 - 0.5 * near);
-    let soft = 1.0 - smoothstep(CORE * near, edge, radius);
+    let edge = 1.0 + (reach - 1.0) * (1.0 - 0.5 * near);
+    let soft = 1.0 - smoothstep(CORE * near, edge, length(circle));
     return soft * near * near * smoothstep(0.0, 0.2, facing);
 }

@@ -3,8 +3,8 @@
 //! The spot is the object's footprint made an ellipse: the box around the object in its own frame, taken as an ellipsoid,
 //! seen along the way that the spot falls. It falls away from the light's middle, but never flatter than 45 degrees, so that it
 //! stays at the object's foot; straight down for a light below the horizon. With the height of the object above the
-//! receiver the spot grows wider and fades. Any receiver gets it that is turned upwards; where a thing stands between object
-//! and receiver the spot falls on both.
+//! receiver the spot grows wider and fades. Whatever lies lower than the object's middle and is turned upwards gets it; where
+//! a thing stands between object and receiver the spot falls on both.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat2, Mat3, Vec2, Vec3, Vec4};
@@ -48,7 +48,7 @@ pub struct GpuBlobs {
 pub struct GpuBlob {
     /// xyz: middle of the object; w: its index.
     pub center_m: Vec4,
-    /// xyz: unit direction against which the spot falls; w: half the object's extent along it.
+    /// xyz: unit direction against which the spot falls; w: height of the object's lowest part.
     pub up: Vec4,
     /// xyz: from an offset to the first coordinate in the footprint's unit circle; w: 0.
     pub across_x: Vec4,
@@ -139,12 +139,12 @@ fn blob_of(caster: &Caster, light: &ShadowLight) -> Option<GpuBlob> {
     let a = inverse.x_axis.x.sqrt();
     let b = inverse.x_axis.y / a;
     let c = (inverse.y_axis.y - b * b).max(0.0).sqrt();
-    let half_height_m = along(up, up).sqrt();
+    let half_height_m = axes.row(2).abs().element_sum();
     let footprint_m = outline.determinant().max(0.0).sqrt().sqrt();
     let finite = center_m.is_finite() && a.is_finite() && b.is_finite() && c.is_finite();
     finite.then(|| GpuBlob {
         center_m: center_m.extend(caster.index as f32),
-        up: up.extend(half_height_m),
+        up: up.extend(center_m.z - half_height_m),
         across_x: (a * right + b * forward).extend(0.0),
         across_y: (c * forward).extend(0.0),
         fade: Vec4::new(2.0 * footprint_m.max(half_height_m), REACH, 0.0, 0.0),

@@ -17,6 +17,7 @@ use super::light::ShadowLight;
 use super::planes::{FLATNESS_M, Plane, dominant_planes};
 use super::stencil::lit;
 use super::surface::DEPTH_STENCIL_FORMAT;
+use super::volume_mesh::{MeshKey, mesh_key};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, VERTEX_LAYOUT};
@@ -25,10 +26,13 @@ use crate::gpu::timer::{Ends, Timer};
 
 /// Stencil of pixels that are not on the plane being drawn: above every place on the light.
 const ELSEWHERE: u32 = 255;
-/// Moves a receiver's polygons, which are drawn once more, in front of themselves.
+/// Sets of receivers whose planes are kept at most.
+const MAX_SETS: usize = 4;
+/// Moves a receiver's polygons, which are drawn once more, in front of themselves; not so far that they come in front of what
+/// stands on them.
 const MARK_BIAS: wgpu::DepthBiasState = wgpu::DepthBiasState {
-    constant: -8,
-    slope_scale: -1.0,
+    constant: -16,
+    slope_scale: -0.03,
     clamp: 0.0,
 };
 const RECEIVER_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferLayout {
@@ -45,13 +49,14 @@ pub struct PlanarShadow {
     mark: wgpu::RenderPipeline,
     /// For as many places as the light has, and for one.
     project: [wgpu::RenderPipeline; 2],
-    receivers: Option<Receivers>,
+    /// The last sets of receivers, the last first.
+    receivers: Vec<Receivers>,
 }
 
 /// The receivers' planes, as long as the receivers stand still.
 #[derive(Debug)]
 struct Receivers {
-    placements: Vec<(usize, Affine3A)>,
+    placements: Vec<(MeshKey, Affine3A)>,
     planes: Vec<(Vec4, wgpu::Buffer, u32)>,
 }
 
@@ -99,32 +104,27 @@ impl PlanarShadow {
             mark: pipelines.mark(gpu),
             project: [places_per_side * places_per_side, 1].map(|n| pipelines.project(gpu, n)),
             layout,
-            receivers: None,
+            receivers: Vec::new(),
         }
     }
 
-    /// Finds the receivers' planes anew when something moved.
+    /// Puts these receivers first, their planes found anew when something moved.
     fn find_planes(&mut self, gpu: &Gpu, receivers: &Casters) {
-        let placements: Vec<(usize, Affine3A)> = receivers
-            .objects
-            .iter()
-            .map(|o| (o.index, o.world_from_object))
-            .collect();
-        if self
-            .receivers
-            .as_ref()
-            .is_some_and(|known| known.placements == placements)
-        {
-            return;
-        }
+        let objects = receivers.objects.iter();
+        let placements: Vec<(MeshKey, Affine3A)> = objects.map(|o| (mesh_key(o), o.world_from_object)).collect();
         let upload = |found: &Plane| {
             let buffer = gpu.buffer("shadow_planar: receiver", found.triangles.as_flattened());
             (found.plane, buffer, 3 * found.triangles.len() as u32)
         };
-        self.receivers = Some(Receivers {
-            placements,
-            planes: dominant_planes(receivers.triangles()).iter().map(upload).collect(),
-        });
+        let found = match self.receivers.iter().position(|known| known.placements == placements) {
+            Some(at) => self.receivers.remove(at),
+            None => Receivers {
+                placements,
+                planes: dominant_planes(receivers.triangles()).iter().map(upload).collect(),
+            },
+        };
+        self.receivers.truncate(MAX_SETS - 1);
+        self.receivers.insert(0, found);
     }
 
     /// Places on the light, homogeneous.
@@ -160,9 +160,9 @@ impl KeyShadow for PlanarShadow {
         timer: &mut Timer,
         job: &Job<'_>,
     ) -> Result<(), RenderError> {
-        self.find_planes(gpu, job.receivers);
         let places = self.places(job.light);
-        let planes = self.receivers.as_ref().map_or(&[][..], |receivers| &receivers.planes);
+        self.find_planes(gpu, job.receivers);
+        let planes = &self.receivers[0].planes;
         let mut projections: Vec<GpuProjection> = planes
             .iter()
             .flat_map(|(plane, _, _)| places.iter().map(|&light| projection(*plane, light)))

@@ -80,7 +80,7 @@ struct VolumeMesh {
 }
 
 /// A mesh, recognised by where it lies in memory: meshes do not change while their casters live.
-type MeshKey = (usize, usize, usize);
+pub(super) type MeshKey = (usize, usize, usize);
 
 /// What a frame's triangles depend on: the light, the placements, and which volumes may hold the eye.
 #[derive(Debug, PartialEq)]
@@ -119,7 +119,7 @@ impl VolumeMeshes {
     }
 }
 
-fn mesh_key(caster: &Caster) -> MeshKey {
+pub(super) fn mesh_key(caster: &Caster) -> MeshKey {
     let vertices = &caster.mesh.vertices;
     (caster.index, vertices.as_ptr() as usize, vertices.len())
 }

@@ -175,7 +175,8 @@ fn structs_of_domes_have_one_layout() {
             GpuDomeFrame {
                 counts,
                 sizes,
-                unshaded
+                unshaded,
+                bright
             }
         );
     }

@@ -235,6 +235,7 @@ impl KeyShadows {
                 counts: [others.len() as u32, 0, 0, 0],
                 sizes: [0, width, height, 0],
                 unshaded: Vec3::ZERO.extend(0.0),
+                bright: [[0; 4]; 2],
             }],
         );
         let view = pinhole(&self.camera, frame.camera_from_world, self.size_px);

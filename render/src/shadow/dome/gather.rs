@@ -116,6 +116,7 @@ impl DomeGather {
                 counts: [maps.n_shown(), maps.map_size(), 0, 0],
                 sizes: [0, width, height, 0],
                 unshaded: unshaded.extend(f32::from(from == Unshaded::Above)),
+                bright: maps.bright(),
             }],
         );
         let tiles = [width.div_ceil(8), height.div_ceil(8), 1];

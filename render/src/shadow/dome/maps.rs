@@ -13,6 +13,7 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::passes::shadow_map::Sphere;
 use crate::scene_gpu::SceneBuffers;
+use mirrorball_calib::probe::radiance::luminance;
 
 /// Workgroups along one axis that every adapter takes.
 const MAX_GROUPS: u32 = 65_535;
@@ -27,6 +28,8 @@ pub struct GpuDomeFrame {
     pub sizes: [u32; 4],
     /// xyz: irradiance that nothing shades; w: 1 when it comes from above alone, 0 when from everywhere.
     pub unshaded: Vec4,
+    /// A bit per light, 32 in a word: those that give so much of the light that their penumbrae show.
+    pub bright: [[u32; 4]; 2],
 }
 
 /// What the maps of a picture show.
@@ -63,6 +66,8 @@ pub struct DomeMaps {
     pub(super) maps: wgpu::Buffer,
     /// How many lights the last picture had.
     n_shown: u32,
+    /// Which of them are bright ([`GpuDomeFrame::bright`]).
+    bright: [[u32; 4]; 2],
 }
 
 impl DomeMaps {
@@ -108,6 +113,7 @@ impl DomeMaps {
             lights,
             maps,
             n_shown: 0,
+            bright: [[0; 4]; 2],
         })
     }
 
@@ -134,6 +140,12 @@ impl DomeMaps {
     #[must_use]
     pub fn n_shown(&self) -> u32 {
         self.n_shown
+    }
+
+    /// Which lights of the last picture give so much of the light that their penumbrae show, a bit each, 32 in a word.
+    #[must_use]
+    pub fn bright(&self) -> [[u32; 4]; 2] {
+        self.bright
     }
 
     /// Draws what has changed; returns which maps were refreshed.
@@ -169,6 +181,7 @@ impl DomeMaps {
             gpu.write(&self.lights, &shown);
         }
         self.n_shown = shown.len() as u32;
+        self.bright = bright(job.lights, job.receivers.center_m);
         if range.is_empty() {
             return range;
         }
@@ -177,7 +190,8 @@ impl DomeMaps {
             &[GpuDomeFrame {
                 counts: [self.n_shown, self.map_size, range.start as u32, range.end as u32],
                 sizes: [self.casters.n_triangles, 0, 0, 0],
-                unshaded: Vec3::ZERO.extend(0.0),
+                unshaded: Vec4::ZERO,
+                bright: [[0; 4]; 2],
             }],
         );
         let layer_bytes = 4 * u64::from(self.map_size) * u64::from(self.map_size);
@@ -214,5 +228,38 @@ impl DomeMaps {
         let to = (from + job.refreshes_max.max(1)).min(n);
         self.turn = to;
         from..to
+    }
+}
+
+/// The lights that give at least a fortieth of what arrives at a place.
+fn bright(lights: &[DomeLight], at_m: Vec3) -> [[u32; 4]; 2] {
+    const SHARE: f32 = 0.025;
+    let arriving = |l: &DomeLight| luminance(l.intensity) / l.position_m.distance_squared(at_m).max(1e-6);
+    let total: f32 = lights.iter().map(arriving).sum();
+    let mut bits = [[0; 4]; 2];
+    for (index, light) in lights.iter().enumerate().take(MAX_DOME_LIGHTS) {
+        if arriving(light) > SHARE * total {
+            bits[index / 128][index / 32 % 4] |= 1 << (index % 32);
+        }
+    }
+    bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lamp_is_bright_and_the_sky_is_not() {
+        let light = |brightness: f32| DomeLight {
+            position_m: 2.0 * Vec3::Z,
+            intensity: Vec3::splat(brightness),
+            angular_radius_rad: 0.1,
+        };
+        let mut lights = vec![light(1.0); 140];
+        lights[37] = light(30.0);
+        lights[130] = light(40.0);
+        assert_eq!(bright(&lights, Vec3::ZERO), [[0, 1 << 5, 0, 0], [1 << 2, 0, 0, 0]]);
+        assert_eq!(bright(&[], Vec3::ZERO), [[0; 4]; 2]);
     }
 }

@@ -20,7 +20,7 @@ const WORD_BITS: u32 = 32;
 pub enum RayMode {
     /// One comparison with the light's depth map: a hard shadow.
     Hard,
-    /// A ray to a random place on the light, in steps of doubling height over the surface: a depth of the map is what
+    /// A ray to a random place on the light, in steps of growing height over the surface: a depth of the map is what
     /// stands in the way if its height is that of the step. A penumbra as wide as the light is seen, sharp at contacts.
     Soft,
 }
@@ -88,6 +88,7 @@ impl DomeSight {
                 counts: [maps.n_shown(), maps.map_size(), range.start as u32, range.end as u32],
                 sizes: [0, width, height, u32::from(self.mode == RayMode::Soft)],
                 unshaded: Vec4::ZERO,
+                bright: maps.bright(),
             }],
         );
         self.look

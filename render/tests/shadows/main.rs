@@ -3,4 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
 mod blocks;
+mod dome;
 mod lab;
+mod planar;
+mod rays;
+mod volumes;

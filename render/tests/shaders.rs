@@ -13,8 +13,10 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
 use mirrorball_render::shadow::planar::GpuProjection;
+use mirrorball_render::shadow::wedges::{GpuWedgeFrame, GpuWedgeShape};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -268,4 +270,50 @@ fn structs_of_blobs_and_planar_shadows_have_one_layout() {
     );
     assert!(source("shadow_blob").contains(&format!("array<Blob, {MAX_BLOBS}>")));
     assert_same_layout!("shadow_planar", "Projection", GpuProjection { plane, light });
+}
+
+#[test]
+fn layouts_of_soft_shadow_volumes_and_attenuation_maps_agree() {
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeFrame",
+        GpuWedgeFrame {
+            light_from_world,
+            eye_m,
+            center_m,
+            half_u_m,
+            half_v_m,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeShape",
+        GpuWedgeShape {
+            light_from_object,
+            low,
+            high,
+            ranges
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "AttenuationFrame",
+        GpuAttenuationFrame {
+            origin_m,
+            right,
+            up,
+            forward,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "LightPlace",
+        GpuLightPlace {
+            position_m,
+            clip_from_world,
+            world_from_clip
+        }
+    );
 }

@@ -81,12 +81,11 @@ impl Stage {
             ambient: Vec3::ZERO,
             refreshes_max: usize::MAX,
         };
-        let stages_ms = self.lab.draw(&frame).unwrap();
+        self.lab.draw(&frame).unwrap();
         let visibility = self.lab.visibility().unwrap();
         assert!(visibility.iter().all(|v| (0.0..=1.0).contains(v)), "{method:?}");
         if let Ok(folder) = std::env::var("SHADOW_PICTURES") {
             let name = std::thread::current().name().unwrap_or("test").replace("::", "_");
-            println!("{name} {}: {stages_ms:?}", method.name());
             self.write(&visibility, &format!("{folder}/{name}_{}.png", method.name()));
         }
         visibility

@@ -22,7 +22,6 @@ fn check(meshes: &[(&str, Mesh)], light: &ShadowLight, least_db: f32) {
     let mut stage = stage(meshes);
     let drawn = stage.drawn(ShadowMethod::AttenuationMaps, light);
     let psnr = psnr_db(&drawn, &stage.truth(light));
-    println!("{psnr:.1} dB");
     assert!(psnr >= least_db, "{psnr} dB");
     // The maps are kept, so nothing may change.
     assert_eq!(stage.drawn(ShadowMethod::AttenuationMaps, light), drawn);

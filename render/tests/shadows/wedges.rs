@@ -25,7 +25,6 @@ fn check(stage: &mut Stage, light: &ShadowLight) -> f32 {
     let darkest = truth.iter().flatten().copied().fold(1.0, f32::min);
     assert!(darkest < 0.5, "the scene has no shadow: {darkest}");
     let psnr = psnr_db(&drawn, &truth);
-    println!("{psnr:.1} dB");
     assert!(psnr >= GOAL_DB, "{psnr} dB");
     psnr
 }
@@ -56,7 +55,6 @@ fn overlapping_blocks_at_different_heights() {
     let psnr = check(&mut stage, &light);
     let summed = stage.drawn(ShadowMethod::WedgesSummed, &light);
     let summed_psnr = psnr_db(&summed, &stage.truth(&light));
-    println!("areas summed: {summed_psnr:.1} dB");
     assert!(summed_psnr > 20.0 && summed_psnr < psnr);
 }
 
@@ -106,7 +104,6 @@ fn areas_summed_are_right_for_one_caster() {
     let mut stage = Stage::new(&scene, eye(), SIZE_PX);
     let summed = stage.drawn(ShadowMethod::WedgesSummed, &light);
     let psnr = psnr_db(&summed, &stage.truth(&light));
-    println!("{psnr:.1} dB");
     assert!(psnr >= GOAL_DB, "{psnr} dB");
 }
 

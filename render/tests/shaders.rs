@@ -12,11 +12,13 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
 use mirrorball_render::shadow::dome::{GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS};
 use mirrorball_render::shadow::light::GpuShadowLight;
 use mirrorball_render::shadow::planar::GpuProjection;
 use mirrorball_render::shadow::view::GpuView;
+use mirrorball_render::shadow::wedges::{GpuWedgeFrame, GpuWedgeShape};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -72,7 +74,7 @@ fn array(module: &Module, global: &str) -> (u32, u32) {
 
 /// Compares a WGSL struct of a pass with its Rust twin, every member by name and offset.
 macro_rules! assert_same_layout {
-    ($pass:literal, $wgsl:literal, $rust:ty { $($member:ident),* $(,)? }) => {{
+    ($pass:expr, $wgsl:literal, $rust:ty { $($member:ident),* $(,)? }) => {{
         let (members, size) = layout(&module($pass), $wgsl);
         let rust: BTreeMap<String, u32> =
             [$((stringify!($member).to_owned(), offset_of!($rust, $member) as u32)),*].into();
@@ -303,4 +305,50 @@ fn structs_of_blobs_and_planar_shadows_have_one_layout() {
     );
     assert!(source("shadow_blob").contains(&format!("array<Blob, {MAX_BLOBS}>")));
     assert_same_layout!("shadow_planar", "Projection", GpuProjection { plane, light });
+}
+
+#[test]
+fn layouts_of_soft_shadow_volumes_and_attenuation_maps_agree() {
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeFrame",
+        GpuWedgeFrame {
+            light_from_world,
+            eye_m,
+            center_m,
+            half_u_m,
+            half_v_m,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeShape",
+        GpuWedgeShape {
+            light_from_object,
+            low,
+            high,
+            ranges
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "AttenuationFrame",
+        GpuAttenuationFrame {
+            origin_m,
+            right,
+            up,
+            forward,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "LightPlace",
+        GpuLightPlace {
+            position_m,
+            clip_from_world,
+            world_from_clip
+        }
+    );
 }

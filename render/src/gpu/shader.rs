@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 /// Sources that passes share, by the name they are imported with.
 const SHARED: &[(&str, &str)] = &[
+    ("attenuation", include_str!("../../shaders/shared/attenuation.wgsl")),
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
@@ -11,12 +12,14 @@ const SHARED: &[(&str, &str)] = &[
     ("dome", include_str!("../../shaders/shared/dome.wgsl")),
     ("dome_ray", include_str!("../../shaders/shared/dome_ray.wgsl")),
     ("key_light", include_str!("../../shaders/shared/key_light.wgsl")),
+    ("light_places", include_str!("../../shaders/shared/light_places.wgsl")),
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
+    ("wedge", include_str!("../../shaders/shared/wedge.wgsl")),
 ];
 
 /// Sources of the passes, by the name of the pass.
@@ -56,6 +59,27 @@ pub const PASSES: &[(&str, &str)] = &[
     ("dome_maps", include_str!("../../shaders/dome_maps.wgsl")),
     ("dome_refine", include_str!("../../shaders/dome_refine.wgsl")),
     ("dome_visibility", include_str!("../../shaders/dome_visibility.wgsl")),
+    (
+        "shadow_attenuation",
+        include_str!("../../shaders/shadow_attenuation.wgsl"),
+    ),
+    (
+        "shadow_attenuation_count",
+        include_str!("../../shaders/shadow_attenuation_count.wgsl"),
+    ),
+    (
+        "shadow_attenuation_depth",
+        include_str!("../../shaders/shadow_attenuation_depth.wgsl"),
+    ),
+    (
+        "shadow_attenuation_warp",
+        include_str!("../../shaders/shadow_attenuation_warp.wgsl"),
+    ),
+    (
+        "shadow_wedge_corners",
+        include_str!("../../shaders/shadow_wedge_corners.wgsl"),
+    ),
+    ("shadow_wedges", include_str!("../../shaders/shadow_wedges.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
     ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),
 ];

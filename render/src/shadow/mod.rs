@@ -4,6 +4,7 @@
 //! A one-light method ([`key::KeyShadow`]) fills a picture with the share of one light that arrives; the rest of the light
 //! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
 
+pub mod attenuation;
 pub mod blob;
 pub mod casters;
 pub mod dome;
@@ -19,5 +20,8 @@ pub mod surface;
 pub mod view;
 pub mod volume;
 pub mod volume_mesh;
+pub mod wedge_light;
+pub mod wedge_outlines;
+pub mod wedges;
 
 pub use methods::{Family, ShadowMethod};

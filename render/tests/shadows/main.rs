@@ -2,9 +2,12 @@
 
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
+mod area_truth;
+mod attenuation;
 mod blocks;
 mod dome;
 mod lab;
 mod planar;
 mod rays;
 mod volumes;
+mod wedges;

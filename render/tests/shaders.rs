@@ -13,6 +13,10 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::path::hierarchy::{GpuBvhNode, GpuBvhTriangle, MAX_DEPTH};
+use mirrorball_render::shadow::path::irradiance::GpuIrradianceSettings;
+use mirrorball_render::shadow::path::run::GpuPathSettings;
+use mirrorball_render::shadow::path::scene::{GpuCorners, GpuPathMaterial};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -96,7 +100,7 @@ fn every_shader_file_is_a_pass() {
         .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
         .collect();
     files.sort();
-    let mut passes = PASSES.map(|(name, _)| name.to_owned());
+    let mut passes: Vec<String> = PASSES.iter().map(|(name, _)| (*name).to_owned()).collect();
     passes.sort();
     assert_eq!(files, passes);
 }
@@ -188,6 +192,39 @@ fn structs_of_the_light_maps_have_one_layout() {
     }
     assert_same_layout!("prefilter_specular", "Lobe", GpuLobe { parameters });
     assert_same_layout!("cylindrical", "Turn", GpuTurn { axis, sweep });
+}
+
+#[test]
+fn structs_of_the_path_tracer_have_one_layout() {
+    assert_same_layout!(
+        "shadow_path",
+        "Node",
+        GpuBvhNode {
+            low,
+            link,
+            high,
+            unused
+        }
+    );
+    assert_same_layout!("shadow_path", "Triangle", GpuBvhTriangle { a, b, c });
+    assert_same_layout!("shadow_path", "Corners", GpuCorners { a, b, c });
+    assert_same_layout!(
+        "shadow_path",
+        "PathMaterial",
+        GpuPathMaterial {
+            color,
+            dielectric,
+            parameters
+        }
+    );
+    assert_same_layout!("shadow_path", "Settings", GpuPathSettings { counts, scene, choices });
+    assert_same_layout!(
+        "shadow_path_irradiance",
+        "Settings",
+        GpuIrradianceSettings { counts, roots, lengths }
+    );
+    let stack = format!("const STACK = {MAX_DEPTH};");
+    assert!(source("shadow_path").contains(&stack), "bvh.wgsl lacks `{stack}`");
 }
 
 #[test]

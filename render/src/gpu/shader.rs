@@ -5,14 +5,21 @@ use std::borrow::Cow;
 /// Sources that passes share, by the name they are imported with.
 const SHARED: &[(&str, &str)] = &[
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
+    ("bvh", include_str!("../../shaders/shared/bvh.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
     ("direct", include_str!("../../shaders/shared/direct.wgsl")),
+    (
+        "environment_map",
+        include_str!("../../shaders/shared/environment_map.wgsl"),
+    ),
     ("key_light", include_str!("../../shaders/shared/key_light.wgsl")),
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
+    ("path_material", include_str!("../../shaders/shared/path_material.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
+    ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
@@ -43,6 +50,11 @@ pub const PASSES: &[(&str, &str)] = &[
     ("separable_blur", include_str!("../../shaders/separable_blur.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
+    ("shadow_path", include_str!("../../shaders/shadow_path.wgsl")),
+    (
+        "shadow_path_irradiance",
+        include_str!("../../shaders/shadow_path_irradiance.wgsl"),
+    ),
     ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
     ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),

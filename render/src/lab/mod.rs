@@ -11,12 +11,15 @@ use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
 use crate::scene::Scene;
 use crate::scene_gpu::{IndexRange, SceneBuffers};
-use crate::shadow::ShadowMethod;
 use crate::shadow::casters::Casters;
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::ShadowLight;
+use crate::shadow::path::environment::Environment;
+use crate::shadow::path::scene::TracedScene;
+use crate::shadow::path::{PathJob, PathPicture, PathSettings, PathTracer, Surfaces};
 use crate::shadow::surface::{Surface, SurfacePass};
 use crate::shadow::view::View;
+use crate::shadow::{Family, ShadowMethod};
 use shading::Shading;
 
 /// Edge of a one-light method's shadow map where nothing else is asked for, texels.
@@ -39,6 +42,9 @@ pub struct Lab {
     shading: Shading,
     timer: Timer,
     key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
+    tracer: Option<PathTracer>,
+    /// For rays, until something moves.
+    traced: Option<(Surfaces, TracedScene)>,
 }
 
 /// A finished picture.
@@ -63,6 +69,16 @@ pub struct LabFrame<'a> {
     pub light: &'a ShadowLight,
     /// Radiance of the light that comes from everywhere alike, linear RGB.
     pub ambient: Vec3,
+}
+
+impl From<PathPicture> for LabPicture {
+    fn from(traced: PathPicture) -> Self {
+        Self {
+            size_px: traced.size_px,
+            radiance: traced.radiance,
+            stages_ms: traced.stages_ms,
+        }
+    }
 }
 
 impl Lab {
@@ -99,6 +115,8 @@ impl Lab {
             visibility_view,
             shading,
             key: None,
+            tracer: None,
+            traced: None,
         })
     }
 
@@ -126,6 +144,7 @@ impl Lab {
         self.placements.extend_from_slice(placements);
         self.buffers.place(&self.gpu, placements);
         self.casters.place(placements);
+        self.traced = None;
     }
 
     /// Moves the camera; the picture keeps its size.
@@ -133,7 +152,8 @@ impl Lab {
         self.surface.set_view(&self.gpu, view);
     }
 
-    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass.
+    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass. The path tracer takes
+    /// [`PathSettings::default`]; [`Lab::path_traced`] takes others.
     ///
     /// # Errors
     /// [`RenderError::Shadow`] where the method cannot serve, [`RenderError::Gpu`] when the device is lost.
@@ -166,7 +186,46 @@ impl Lab {
         self.timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
         gpu.wait("drawing the shadow scene")?;
-        self.timer.read_ms(gpu)
+        let mut stages_ms = self.timer.read_ms(gpu)?;
+        if frame.method.family() == Family::Path {
+            let target = self.shading.radiance_view();
+            let picture = self.trace(frame, &PathSettings::default(), Some(&target))?;
+            stages_ms.extend(picture.stages_ms);
+        }
+        Ok(stages_ms)
+    }
+
+    /// Traces the frame's light and ambient light on paths, whatever its method; the whole picture is the result, not a
+    /// visibility.
+    ///
+    /// # Errors
+    /// As [`PathTracer::render`].
+    pub fn path_traced(&mut self, frame: &LabFrame<'_>, settings: &PathSettings) -> Result<PathPicture, RenderError> {
+        self.trace(frame, settings, None)
+    }
+
+    fn trace(
+        &mut self,
+        frame: &LabFrame<'_>,
+        settings: &PathSettings,
+        target: Option<&wgpu::TextureView>,
+    ) -> Result<PathPicture, RenderError> {
+        let gpu = &self.gpu;
+        let tracer = self.tracer.get_or_insert_with(|| PathTracer::new(gpu));
+        let traced = match self.traced.take().filter(|(made_of, _)| *made_of == settings.surfaces) {
+            Some((_, traced)) => traced,
+            None => TracedScene::new(gpu, (&self.scene, &self.placements), settings.surfaces)?,
+        };
+        let job = PathJob {
+            view: &self.surface.view,
+            light: Some(frame.light),
+            environment: Environment::Uniform(frame.ambient),
+            settings: *settings,
+            target,
+        };
+        let picture = tracer.render(gpu, &traced, &job);
+        self.traced = Some((settings.surfaces, traced));
+        picture
     }
 
     /// Makes the passes of the frame's method, unless they are the last frame's.

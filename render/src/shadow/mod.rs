@@ -8,6 +8,7 @@ pub mod casters;
 pub mod key;
 pub mod light;
 mod methods;
+pub mod path;
 pub mod surface;
 pub mod view;
 

@@ -190,6 +190,8 @@ fn traced(eye: vec3f, first_direction: vec3f, index: u32, seed: u32) -> vec4f {
     var direction = first_direction;
     var density = 0.0;
     var is_surface = 0.0;
+    // How much denser radiance is where the path runs than at the eye: inside glass by the square of its index.
+    var squeeze = 1.0;
     for (var n_surfaces = 0u; ; n_surfaces++) {
         let hit = closest_hit(settings.scene.x, origin, direction, FAR_M);
         sum += weight * met_by_chance(origin, direction, density, hit, n_surfaces == 0u);
@@ -229,8 +231,11 @@ fn traced(eye: vec3f, first_direction: vec3f, index: u32, seed: u32) -> vec4f {
         if all(weight <= vec3f(0.0)) {
             break;
         }
+        if bounce.direction.z < 0.0 {
+            squeeze *= eta * eta;
+        }
         if n_surfaces >= SURE_SURFACES {
-            let survival = clamp(max(weight.x, max(weight.y, weight.z)), 0.05, 1.0);
+            let survival = clamp(max(weight.x, max(weight.y, weight.z)) / squeeze, 0.05, 1.0);
             if choices.y >= survival {
                 break;
             }

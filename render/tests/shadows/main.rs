@@ -4,3 +4,7 @@
 
 mod blocks;
 mod lab;
+mod path;
+mod path_lights;
+mod path_picture;
+mod path_surfaces;

@@ -40,8 +40,8 @@ struct Sum {
 @group(0) @binding(9) var<storage, read_write> sums: array<Sum>;
 @group(0) @binding(10) var radiance: texture_storage_2d<rgba16float, write>;
 
-// Decisions of one sample: the pixel's and six for every surface.
-const PER_SURFACE = 6u;
+// Decisions of one sample: the pixel's and four for every surface.
+const PER_SURFACE = 4u;
 // Surfaces after which a dim path may end early.
 const SURE_SURFACES = 3u;
 
@@ -144,8 +144,8 @@ fn from_light(surface: Surface, origin: vec3f, frame: mat3x3f, outgoing: vec3f, 
 }
 
 // Light of the environment, drawn at its source.
-fn from_environment(surface: Surface, origin: vec3f, frame: mat3x3f, outgoing: vec3f, points: array<vec2f, 2>) -> vec3f {
-    let drawn = sample_environment(settings.scene.y, points[0], points[1]);
+fn from_environment(surface: Surface, origin: vec3f, frame: mat3x3f, outgoing: vec3f, u: vec2f) -> vec3f {
+    let drawn = sample_environment(settings.scene.y, u);
     if dot(surface.face, drawn.direction) <= 0.0 || drawn.density <= 0.0 {
         return vec3f(0.0);
     }
@@ -212,11 +212,10 @@ fn traced(eye: vec3f, first_direction: vec3f, index: u32, seed: u32) -> vec4f {
             sum += weight * from_light(surface, outside, frame, outgoing, sample_2d(index, seed, dimension));
         }
         if settings.scene.z != 0u && settings.choices.x != 2u {
-            let points = array<vec2f, 2>(sample_2d(index, seed, dimension + 1u), sample_2d(index, seed, dimension + 2u));
-            sum += weight * from_environment(surface, outside, frame, outgoing, points);
+            sum += weight * from_environment(surface, outside, frame, outgoing, sample_2d(index, seed, dimension + 1u));
         }
-        let u = sample_2d(index, seed, dimension + 3u);
-        let choices = sample_2d(index, seed, dimension + 4u);
+        let u = sample_2d(index, seed, dimension + 2u);
+        let choices = sample_2d(index, seed, dimension + 3u);
         let eta = select(material.parameters.z, 1.0 / material.parameters.z, surface.is_outside);
         var bounce = scatter(material, outgoing, eta, u, choices.x);
         if is_on_wrong_side(surface, frame, bounce) {

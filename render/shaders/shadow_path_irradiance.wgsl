@@ -34,7 +34,7 @@ fn drawn_direction(index: u32, seed: u32, frame: mat3x3f) -> vec3f {
     if settings.roots.z == 0u || (index & 1u) == 1u {
         return frame * cosine_direction(sample_2d(select(turn, index, settings.roots.z == 0u), seed, 0u));
     }
-    return sample_environment(settings.counts.w, sample_2d(turn, seed, 1u), sample_2d(turn, seed, 2u)).direction;
+    return sample_environment(settings.counts.w, sample_2d(turn, seed, 1u)).direction;
 }
 
 @compute @workgroup_size(8, 8, 1)

@@ -24,6 +24,7 @@
 pub mod app;
 pub mod ball_place;
 pub mod config;
+pub mod environment_in;
 pub mod environments;
 pub mod error;
 pub mod frame;

@@ -3,8 +3,8 @@
 
 // xyz: radiance; w: probability that the texel is drawn.
 @group(0) @binding(2) var<storage, read> environment: array<vec4f>;
-// Alias table (Walker 1977; built as Vose 1991): bits of the probability that a texel stays itself, and what else it is.
-@group(0) @binding(3) var<storage, read> aliases: array<vec2u>;
+// Texels in an order in which neighbours lie together: bits of the probability of all up to this one, and its index.
+@group(0) @binding(3) var<storage, read> cells: array<vec2u>;
 
 struct EnvironmentSample {
     direction: vec3f,
@@ -25,15 +25,23 @@ fn environment_towards(size: u32, direction: vec3f) -> vec4f {
     return vec4f(texel.rgb, texel_density(texel.w, size, direction));
 }
 
-fn sample_environment(size: u32, texel_point: vec2f, inside: vec2f) -> EnvironmentSample {
-    let n = 6u * size * size;
-    var index = min(u32(texel_point.x * f32(n)), n - 1u);
-    let entry = aliases[index];
-    if texel_point.y >= bitcast<f32>(entry.x) {
-        index = entry.y;
+// A point of the unit square: x chooses the texel, and what is left of it and y the place in it, so that points that fill
+// the square evenly give directions that do so, too.
+fn sample_environment(size: u32, u: vec2f) -> EnvironmentSample {
+    var low = 0u;
+    var high = 6u * size * size - 1u;
+    while low < high {
+        let middle = (low + high) / 2u;
+        if bitcast<f32>(cells[middle].x) > u.x {
+            high = middle;
+        } else {
+            low = middle + 1u;
+        }
     }
-    let texel = vec3u(index % size, (index / size) % size, index / (size * size));
-    let direction = texel_direction(size, texel, inside);
+    let index = cells[low].y;
     let found = environment[index];
+    let rest = clamp(1.0 - (bitcast<f32>(cells[low].x) - u.x) / max(found.w, 1e-30), 0.0, 1.0);
+    let texel = vec3u(index % size, (index / size) % size, index / (size * size));
+    let direction = texel_direction(size, texel, vec2f(rest, u.y));
     return EnvironmentSample(direction, found.rgb, texel_density(found.w, size, direction));
 }

@@ -3,8 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
 mod blocks;
+mod dome;
 mod lab;
 mod path;
 mod path_lights;
-mod path_picture;
 mod path_surfaces;

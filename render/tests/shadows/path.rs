@@ -268,6 +268,7 @@ fn lab_picture(lab: &mut Lab, light: &ShadowLight) -> LabPicture {
         map_size: MAP_SIZE,
         light,
         ambient: Vec3::splat(0.2),
+        refreshes_max: usize::MAX,
     };
     lab.picture(&frame).unwrap()
 }
@@ -285,6 +286,7 @@ fn the_lab_draws_with_paths_and_follows_what_moves() {
         map_size: MAP_SIZE,
         light: &light,
         ambient: Vec3::splat(0.2),
+        refreshes_max: usize::MAX,
     };
     let traced = lab.path_traced(&frame, &PathSettings::default()).unwrap();
     for (drawn, traced) in standing.radiance.iter().zip(&traced.radiance) {

@@ -30,6 +30,7 @@ fn frame(light: &ShadowLight) -> LabFrame<'_> {
         map_size: MAP_SIZE,
         light,
         ambient: Vec3::splat(0.1),
+        refreshes_max: usize::MAX,
     }
 }
 
@@ -254,7 +255,7 @@ fn irradiance_past_two_sets_of_things_is_that_of_rays_on_the_cpu() {
         ("added", added.clone()),
     ];
     // Only the surface is drawn; the map's rays are traced against the two sets.
-    let mut map = Cube::filled(8, Vec3::ZERO);
+    let mut map = Cube::filled(16, Vec3::ZERO);
     for i in 0..map.texels().len() {
         let direction = map.direction(i);
         map.texels_mut()[i] = Vec3::new(1.0, 0.5 + 0.4 * direction.x, if direction.y > 0.7 { 30.0 } else { 0.1 });
@@ -274,23 +275,27 @@ fn irradiance_past_two_sets_of_things_is_that_of_rays_on_the_cpu() {
         Occluders::new(real.iter().copied()),
         Occluders::new(real.iter().chain(&added).copied()),
     );
-    let mut n_darker = 0;
+    let (mut n_darker, mut n, mut sum) = (0, 0.0, Vec3::ZERO);
     for i in (0..places.len()).step_by(3) {
         let place = places[i].truncate();
         if places[i].w == 0.0 || place.z.abs() > 1e-4 {
             continue;
         }
+        let open = irradiance_on_floor(&map, &Occluders::default(), place);
         for (found, occluders) in [(without[i], &only_real), (with_all[i], &all)] {
             let expected = irradiance_on_floor(&map, occluders, place);
-            let allowed = 0.02 * expected + 0.003 * expected.max_element();
+            let difference = (found.truncate() - expected) / open;
             assert!(
-                (found.truncate() - expected).abs().cmple(allowed).all(),
-                "{place}: {found}, not {expected}"
+                difference.abs().max_element() < 0.025,
+                "{place}: {found}, not {expected} of {open}"
             );
+            sum += difference;
+            n += 1.0;
         }
         n_darker += i32::from(with_all[i].z < 0.8 * without[i].z);
     }
     assert!(n_darker > 1, "{n_darker}");
+    assert!((sum / n).abs().max_element() < 4e-3, "{}", sum / n);
 }
 
 type Placed = (mirrorball_render::scene::Scene, Vec<glam::Affine3A>);
@@ -336,7 +341,7 @@ fn traced_irradiance(
 
 /// Sum over all texels, each of many directions.
 fn irradiance_on_floor(map: &Cube<Vec3>, occluders: &Occluders, place: Vec3) -> Vec3 {
-    const N: usize = 64;
+    const N: usize = 96;
     let mut sum = Vec3::ZERO;
     for i in 0..6 * N * N {
         let uv = |k: usize| (k as f32 + 0.5) / N as f32 * 2.0 - 1.0;

@@ -22,8 +22,8 @@ pub enum Environment<'a> {
 pub struct EnvironmentBuffers {
     /// xyz: radiance of a texel; w: probability that it is drawn.
     pub texels: wgpu::Buffer,
-    /// Alias table.
-    pub aliases: wgpu::Buffer,
+    /// Texels by power.
+    pub cells: wgpu::Buffer,
     /// Texels along the edge of a face.
     pub size: u32,
     /// Whether drawing by power pays: the light is neither the same everywhere nor none.
@@ -68,7 +68,7 @@ impl EnvironmentBuffers {
             .collect();
         let total: f64 = power.iter().sum();
         let is_drawn = !is_uniform && total > 0.0;
-        let table = AliasTable::new(&power);
+        let table = PowerTable::new(cube.size(), &power);
         let texels: Vec<Vec4> = cube
             .texels()
             .iter()
@@ -78,43 +78,53 @@ impl EnvironmentBuffers {
         within_binding(gpu, "a number of bytes of an environment", size_of_val(&texels[..]))?;
         Ok(Self {
             texels: gpu.buffer("path: environment", &texels),
-            aliases: gpu.buffer("path: aliases", &table.entries),
+            cells: gpu.buffer("path: environment by power", &table.cells),
             size: cube.size(),
             is_drawn,
         })
     }
 }
 
-/// Draws an index with given probabilities in constant time (Walker 1977, built as Vose 1991).
+/// Draws a texel with given probabilities by bisection. Texels lie along Morton's curve (1966), so that even steps of power
+/// are even steps over every part of the map, which a table of aliases would not give.
 #[derive(Debug, PartialEq)]
-struct AliasTable {
-    /// Bits of the probability that the index stays itself, and what else it is.
-    entries: Vec<[u32; 2]>,
-    /// Probability of each index.
+struct PowerTable {
+    /// Bits of the probability of all texels up to this one, and its index.
+    cells: Vec<[u32; 2]>,
+    /// Probability of each texel.
     probabilities: Vec<f32>,
 }
 
-impl AliasTable {
-    /// A table for weights of 0 or more; all equal where none is more.
-    fn new(weights: &[f64]) -> Self {
-        let n = weights.len();
+impl PowerTable {
+    /// A table for the weights (0 or more) of a cube's texels; nothing is drawn where none is more.
+    fn new(size: u32, weights: &[f64]) -> Self {
+        let mut order: Vec<u32> = (0..weights.len() as u32).collect();
+        order.sort_by_key(|&index| place_on_curve(size, index));
         let total: f64 = weights.iter().sum();
-        let of_mean = |weight: f64| if total > 0.0 { weight / total * n as f64 } else { 1.0 };
-        let mut left: Vec<f64> = weights.iter().map(|&w| of_mean(w)).collect();
-        let probabilities = left.iter().map(|&share| (share / n as f64) as f32).collect();
-        let mut entries: Vec<[u32; 2]> = (0..n as u32).map(|i| [1.0f32.to_bits(), i]).collect();
-        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| left[i] < 1.0);
-        while let (Some(i), Some(&j)) = (small.pop(), large.last()) {
-            entries[i] = [(left[i] as f32).to_bits(), j as u32];
-            left[j] -= 1.0 - left[i];
-            if left[j] < 1.0 {
-                large.pop();
-                small.push(j);
-            }
+        let mut probabilities = vec![0.0; weights.len()];
+        let mut cells = Vec::with_capacity(weights.len());
+        let (mut sum, mut before) = (0.0f64, 0.0f32);
+        for index in order {
+            sum += weights[index as usize];
+            let up_to_here = if total > 0.0 {
+                (sum / total).min(1.0) as f32
+            } else {
+                1.0
+            };
+            // As the shader draws it, rounding included.
+            probabilities[index as usize] = up_to_here - before;
+            before = up_to_here;
+            cells.push([up_to_here.to_bits(), index]);
         }
-        // What rounding leaves in `small` when `large` is empty fills its own place.
-        Self { entries, probabilities }
+        Self { cells, probabilities }
     }
+}
+
+/// Place of a texel along Morton's curve, face after face.
+fn place_on_curve(size: u32, index: u32) -> u64 {
+    let spread = |t: u32| (0..16).fold(0u64, |sum, bit| sum | (u64::from(t >> bit & 1) << (2 * bit)));
+    let (x, y, face) = (index % size, index / size % size, index / (size * size));
+    (u64::from(face) << 32) | (spread(y) << 1) | spread(x)
 }
 
 #[cfg(test)]
@@ -122,25 +132,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_draws_each_index_as_often_as_its_weight_says() {
-        let weights = [0.0, 3.0, 0.5, 12.0, 0.0, 1.5];
-        let table = AliasTable::new(&weights);
+    fn a_table_draws_each_texel_as_often_as_its_weight_says() {
+        let weights: Vec<f64> = (0..24).map(|i| f64::from(i * i % 7)).collect();
+        let table = PowerTable::new(2, &weights);
         let total: f64 = weights.iter().sum();
-        let mut drawn = [0.0f64; 6];
-        for (i, &[stays, other]) in table.entries.iter().enumerate() {
-            let stays = f64::from(f32::from_bits(stays));
-            drawn[i] += stays / 6.0;
-            drawn[other as usize] += (1.0 - stays) / 6.0;
+        let mut before = 0.0;
+        for &[bits, index] in &table.cells {
+            let share = f64::from(f32::from_bits(bits)) - before;
+            before += share;
+            assert!(
+                (share - weights[index as usize] / total).abs() < 1e-6,
+                "{index}: {share}"
+            );
+            assert!((f64::from(table.probabilities[index as usize]) - share).abs() < 1e-7);
         }
-        for (i, &weight) in weights.iter().enumerate() {
-            assert!((drawn[i] - weight / total).abs() < 1e-6, "{i}: {}", drawn[i]);
-            assert!((f64::from(table.probabilities[i]) - weight / total).abs() < 1e-6);
-        }
+        assert!((before - 1.0).abs() < 1e-7);
     }
 
     #[test]
-    fn no_weight_at_all_draws_evenly() {
-        let table = AliasTable::new(&[0.0; 4]);
-        assert_eq!(table.probabilities, [0.25; 4]);
+    fn neighbours_lie_together() {
+        let order: Vec<u32> = PowerTable::new(4, &[1.0; 96])
+            .cells
+            .iter()
+            .map(|cell| cell[1])
+            .collect();
+        assert_eq!(order[..8], [0, 1, 4, 5, 2, 3, 6, 7]);
+        assert_eq!(order[16..20], [16, 17, 20, 21]);
+    }
+
+    #[test]
+    fn no_weight_at_all_draws_nothing_twice() {
+        let table = PowerTable::new(1, &[0.0; 6]);
+        assert_eq!(table.cells.len(), 6);
+        assert!(table.probabilities.iter().sum::<f32>() <= 1.0);
     }
 }

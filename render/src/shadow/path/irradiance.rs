@@ -198,7 +198,7 @@ impl IrradiancePass {
                 job.occluders.buffers.nodes.as_entire_binding(),
                 job.occluders.buffers.triangles.as_entire_binding(),
                 job.environment.texels.as_entire_binding(),
-                job.environment.aliases.as_entire_binding(),
+                job.environment.cells.as_entire_binding(),
                 wgpu::BindingResource::TextureView(job.places),
                 wgpu::BindingResource::TextureView(job.normals),
                 settings.as_entire_binding(),

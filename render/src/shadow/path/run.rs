@@ -106,7 +106,7 @@ impl<'a> PathRun<'a> {
                 scene.hierarchy.nodes.as_entire_binding(),
                 scene.hierarchy.triangles.as_entire_binding(),
                 environment.texels.as_entire_binding(),
-                environment.aliases.as_entire_binding(),
+                environment.cells.as_entire_binding(),
                 scene.corners.as_entire_binding(),
                 scene.materials.as_entire_binding(),
                 view_buffer.as_entire_binding(),

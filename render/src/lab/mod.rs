@@ -198,6 +198,7 @@ impl Lab {
                     surface: &self.surface,
                     scene: &self.buffers,
                     casters: &self.casters,
+                    receivers: &self.casters,
                     light: frame.light,
                     light_buffer: &self.light_buffer,
                     visibility: &self.visibility_view,
@@ -225,17 +226,13 @@ impl Lab {
         let (method, map_size) = (frame.method, frame.map_size);
         if method.family() == Family::Dome {
             self.key = None;
-            if !self.dome.as_ref().is_some_and(|(m, _)| *m == method) {
+            if self.dome.as_ref().is_none_or(|(m, _)| *m != method) {
                 self.dome = Some((method, self.new_dome(method)?));
             }
             return Ok(());
         }
         self.dome = None;
-        if !self
-            .key
-            .as_ref()
-            .is_some_and(|(m, s, _)| (*m, *s) == (method, map_size))
-        {
+        if self.key.as_ref().is_none_or(|(m, s, _)| (*m, *s) != (method, map_size)) {
             self.key = method
                 .key_shadow(&self.gpu, map_size)?
                 .map(|passes| (method, map_size, passes));

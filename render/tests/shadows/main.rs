@@ -8,3 +8,6 @@ mod lab;
 mod path;
 mod path_lights;
 mod path_surfaces;
+mod planar;
+mod rays;
+mod volumes;

@@ -86,36 +86,19 @@ impl<'a> PathRun<'a> {
         let environment = EnvironmentBuffers::new(gpu, &job.environment)?;
         let settings = gpu_settings(&job.settings, scene, &environment, light.is_some());
         let settings_buffer = gpu.buffer("path: settings", &[settings]);
-        let light_buffer = gpu.buffer("path: light", &[light.unwrap_or_else(GpuShadowLight::zeroed)]);
-        let view_buffer = gpu.buffer("path: view", &[view]);
         let sums = Readback::new(gpu, "path: sums", (n_pixels * size_of::<GpuSum>()) as u64);
-        let own_target;
-        let target = match job.target {
-            Some(target) => target,
-            None => {
-                own_target = gpu
-                    .target("path: radiance", TextureShape::plain(size_px), RADIANCE_FORMAT)
-                    .create_view(&wgpu::TextureViewDescriptor::default());
-                &own_target
-            }
-        };
-        let bindings = gpu.bind(
-            "path",
-            &tracer.pipeline.get_bind_group_layout(0),
-            &[
-                scene.hierarchy.nodes.as_entire_binding(),
-                scene.hierarchy.triangles.as_entire_binding(),
-                environment.texels.as_entire_binding(),
-                environment.cells.as_entire_binding(),
-                scene.corners.as_entire_binding(),
-                scene.materials.as_entire_binding(),
-                view_buffer.as_entire_binding(),
-                light_buffer.as_entire_binding(),
-                settings_buffer.as_entire_binding(),
-                sums.buffer().as_entire_binding(),
-                wgpu::BindingResource::TextureView(target),
-            ],
-        );
+        let light = light.unwrap_or_else(GpuShadowLight::zeroed);
+        let buffers = [
+            &environment.texels,
+            &environment.cells,
+            &scene.corners,
+            &scene.materials,
+            &gpu.buffer("path: view", &[view]),
+            &gpu.buffer("path: light", &[light]),
+            &settings_buffer,
+            sums.buffer(),
+        ];
+        let bindings = bound(gpu, tracer, scene, (&buffers, job.target, size_px));
         Ok(Self {
             tracer,
             settings,
@@ -217,6 +200,32 @@ impl GpuSum {
         let variance = (self.squares.truncate() / n - mean * mean).max(Vec3::ZERO);
         (variance / (n - 1.0).max(1.0)).map(f32::sqrt)
     }
+}
+
+/// All that the pass reads and writes: the hierarchy, `buffers` and the picture, its own one where no target is given.
+fn bound(
+    gpu: &Gpu,
+    tracer: &PathTracer,
+    scene: &TracedScene,
+    (buffers, target, size_px): (&[&wgpu::Buffer], Option<&wgpu::TextureView>, [u32; 2]),
+) -> wgpu::BindGroup {
+    let own_target;
+    let target = match target {
+        Some(target) => target,
+        None => {
+            own_target = gpu
+                .target("path: radiance", TextureShape::plain(size_px), RADIANCE_FORMAT)
+                .create_view(&wgpu::TextureViewDescriptor::default());
+            &own_target
+        }
+    };
+    let resources: Vec<wgpu::BindingResource<'_>> = [&scene.hierarchy.nodes, &scene.hierarchy.triangles]
+        .iter()
+        .chain(buffers)
+        .map(|buffer| buffer.as_entire_binding())
+        .chain([wgpu::BindingResource::TextureView(target)])
+        .collect();
+    gpu.bind("path", &tracer.pipeline.get_bind_group_layout(0), &resources)
 }
 
 /// The light for the shaders; none where it has no size to shine from.

@@ -64,7 +64,7 @@ pub(crate) fn made_of(mesh: Mesh, change: impl Fn(&mut Material)) -> Mesh {
     mesh
 }
 
-/// A sphere with its true normals.
+/// A sphere with its true normals, without a seam.
 pub(crate) fn sphere(center_m: Vec3, radius_m: f32, rings: u32) -> Mesh {
     let columns = 2 * rings;
     let mut mesh = Mesh {
@@ -72,10 +72,11 @@ pub(crate) fn sphere(center_m: Vec3, radius_m: f32, rings: u32) -> Mesh {
         ..Mesh::default()
     };
     for row in 0..=rings {
-        for column in 0..=columns {
-            let polar = std::f32::consts::PI * row as f32 / rings as f32;
+        let polar = std::f32::consts::PI * row as f32 / rings as f32;
+        let sine = if row == rings { 0.0 } else { polar.sin() };
+        for column in 0..columns {
             let azimuth = std::f32::consts::TAU * column as f32 / columns as f32;
-            let normal = Vec3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+            let normal = Vec3::new(sine * azimuth.cos(), sine * azimuth.sin(), polar.cos());
             mesh.vertices.push(Vertex {
                 position: (center_m + radius_m * normal).to_array(),
                 object: 0,
@@ -87,9 +88,9 @@ pub(crate) fn sphere(center_m: Vec3, radius_m: f32, rings: u32) -> Mesh {
     }
     for row in 0..rings {
         for column in 0..columns {
-            let a = row * (columns + 1) + column;
-            let b = a + columns + 1;
-            mesh.indices.extend([a, b, b + 1, a, b + 1, a + 1]);
+            let [a, b] = [column, (column + 1) % columns].map(|c| row * columns + c);
+            let [c, d] = [a + columns, b + columns];
+            mesh.indices.extend([a, c, d, a, d, b]);
         }
     }
     mesh
@@ -207,6 +208,26 @@ fn broken_triangles_and_a_lamp_without_size_do_no_harm() {
     assert!(picture.radiance.iter().all(|r| r.is_finite()));
     let ((a, _), (b, _)) = (mean(&whole), mean(&picture));
     assert!((a - b).abs() < 1e-3, "{a} {b}");
+}
+
+#[test]
+fn no_ray_slips_out_between_triangles() {
+    let studio = studio();
+    for middle in [Vec3::ZERO, Vec3::new(60.0, -20.0, 7.0)] {
+        let black = made_of(sphere(middle, 0.5, 48), |m| m.base_color = [0.0; 3]);
+        let view = View::looking_at(middle + 0.1, middle + Vec3::new(0.3, 0.4, -0.3), 2.2, [64; 2]);
+        let settings = PathSettings {
+            samples: 64,
+            max_bounces: 1,
+            ..PathSettings::default()
+        };
+        let inside = studio.picture(
+            &[("ball", black)],
+            &job(&view, Environment::Uniform(Vec3::ONE), settings),
+        );
+        let n_bright = inside.radiance.iter().filter(|r| **r != Vec4::W).count();
+        assert_eq!(n_bright, 0, "around {middle}");
+    }
 }
 
 #[test]

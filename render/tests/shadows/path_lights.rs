@@ -270,7 +270,7 @@ fn irradiance_past_two_sets_of_things_is_that_of_rays_on_the_cpu() {
     };
     let (real, added) = (corners(&real), corners(&added));
     let (scene, placements) = blocks::scene_of(&meshes);
-    let (places, without, with_all) = traced_irradiance(gpu, (scene, placements), &view, (&map, &real, &added));
+    let (places, without, with_all) = traced_irradiance(&gpu, (scene, placements), &view, (&map, &real, &added));
     let (only_real, all) = (
         Occluders::new(real.iter().copied()),
         Occluders::new(real.iter().chain(&added).copied()),
@@ -302,27 +302,27 @@ type Placed = (mirrorball_render::scene::Scene, Vec<glam::Affine3A>);
 type Lit<'a> = (&'a Cube<Vec3>, &'a [[Vec3; 3]], &'a [[Vec3; 3]]);
 
 fn traced_irradiance(
-    gpu: Gpu,
+    gpu: &Gpu,
     (scene, placements): Placed,
     view: &View,
     (map, real, added): Lit<'_>,
 ) -> (Vec<Vec4>, Vec<Vec4>, Vec<Vec4>) {
     use mirrorball_render::scene_gpu::SceneBuffers;
     use mirrorball_render::shadow::surface::SurfacePass;
-    let buffers = SceneBuffers::placed(&gpu, &scene, &placements, f32::INFINITY).unwrap();
-    let pass = SurfacePass::new(&gpu);
-    let surface = pass.surface(&gpu, view, &buffers);
-    let mut timer = Timer::new(&gpu);
+    let buffers = SceneBuffers::placed(gpu, &scene, &placements, f32::INFINITY).unwrap();
+    let pass = SurfacePass::new(gpu);
+    let surface = pass.surface(gpu, view, &buffers);
+    let mut timer = Timer::new(gpu);
     let mut encoder = gpu
         .device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    let everything = buffers.range(&gpu, "everything", &[0, 1, 2]);
+    let everything = buffers.range(gpu, "everything", &[0, 1, 2]);
     pass.record(&mut encoder, &mut timer, (&surface, &buffers, &everything));
     gpu.queue.submit([encoder.finish()]);
-    let irradiance = IrradiancePass::new(&gpu);
-    let maps = irradiance.maps(&gpu, view.size_px).unwrap();
-    let environment = EnvironmentBuffers::new(&gpu, &Environment::Cube(map)).unwrap();
-    let occluders = OccluderSets::new(&gpu, real, added).unwrap();
+    let irradiance = IrradiancePass::new(gpu);
+    let maps = irradiance.maps(gpu, view.size_px).unwrap();
+    let environment = EnvironmentBuffers::new(gpu, &Environment::Cube(map)).unwrap();
+    let occluders = OccluderSets::new(gpu, real, added).unwrap();
     let irradiance_job = IrradianceJob {
         places: &surface.place,
         normals: &surface.normal,
@@ -331,7 +331,7 @@ fn traced_irradiance(
         rays: 4096,
         seed: 3,
     };
-    irradiance.render(&gpu, &mut timer, &maps, &irradiance_job).unwrap();
+    irradiance.render(gpu, &mut timer, &maps, &irradiance_job).unwrap();
     (
         gpu.read_float(&surface.place_texture).unwrap(),
         gpu.read_float(&maps.without).unwrap(),

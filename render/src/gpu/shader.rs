@@ -23,7 +23,6 @@ const SHARED: &[(&str, &str)] = &[
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
-    ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
 ];
 
@@ -37,6 +36,8 @@ pub const PASSES: &[(&str, &str)] = &[
     ("highlight", include_str!("../../shaders/highlight.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
     ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
+    ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),
+    ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),
@@ -52,7 +53,6 @@ pub const PASSES: &[(&str, &str)] = &[
     ("separable_blur", include_str!("../../shaders/separable_blur.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_blob", include_str!("../../shaders/shadow_blob.wgsl")),
-    ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
     ("shadow_path", include_str!("../../shaders/shadow_path.wgsl")),
     (
         "shadow_path_irradiance",
@@ -64,6 +64,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
     ("dome_filter", include_str!("../../shaders/dome_filter.wgsl")),
     ("dome_light", include_str!("../../shaders/dome_light.wgsl")),
+    ("dome_light_pair", include_str!("../../shaders/dome_light_pair.wgsl")),
     ("dome_maps", include_str!("../../shaders/dome_maps.wgsl")),
     ("dome_refine", include_str!("../../shaders/dome_refine.wgsl")),
     ("dome_visibility", include_str!("../../shaders/dome_visibility.wgsl")),

@@ -16,6 +16,10 @@ use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace}
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
 use mirrorball_render::shadow::dome::{GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS};
 use mirrorball_render::shadow::light::GpuShadowLight;
+use mirrorball_render::shadow::path::hierarchy::{GpuBvhNode, GpuBvhTriangle, MAX_DEPTH};
+use mirrorball_render::shadow::path::irradiance::GpuIrradianceSettings;
+use mirrorball_render::shadow::path::run::GpuPathSettings;
+use mirrorball_render::shadow::path::scene::{GpuCorners, GpuPathMaterial};
 use mirrorball_render::shadow::planar::GpuProjection;
 use mirrorball_render::shadow::view::GpuView;
 use mirrorball_render::shadow::wedges::{GpuWedgeFrame, GpuWedgeShape};
@@ -221,6 +225,39 @@ fn structs_of_the_light_maps_have_one_layout() {
     }
     assert_same_layout!("prefilter_specular", "Lobe", GpuLobe { parameters });
     assert_same_layout!("cylindrical", "Turn", GpuTurn { axis, sweep });
+}
+
+#[test]
+fn structs_of_the_path_tracer_have_one_layout() {
+    assert_same_layout!(
+        "shadow_path",
+        "Node",
+        GpuBvhNode {
+            low,
+            link,
+            high,
+            unused
+        }
+    );
+    assert_same_layout!("shadow_path", "Triangle", GpuBvhTriangle { a, b, c });
+    assert_same_layout!("shadow_path", "Corners", GpuCorners { a, b, c });
+    assert_same_layout!(
+        "shadow_path",
+        "PathMaterial",
+        GpuPathMaterial {
+            color,
+            dielectric,
+            parameters
+        }
+    );
+    assert_same_layout!("shadow_path", "Settings", GpuPathSettings { counts, scene, choices });
+    assert_same_layout!(
+        "shadow_path_irradiance",
+        "Settings",
+        GpuIrradianceSettings { counts, roots, lengths }
+    );
+    let stack = format!("const STACK = {MAX_DEPTH};");
+    assert!(source("shadow_path").contains(&stack), "bvh.wgsl lacks `{stack}`");
 }
 
 #[test]

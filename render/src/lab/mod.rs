@@ -2,6 +2,7 @@
 //! everywhere, and any shadow method.
 
 mod dome_lights;
+mod paths;
 pub mod shading;
 
 use glam::{Affine3A, Vec3, Vec4};
@@ -16,10 +17,12 @@ use crate::shadow::casters::Casters;
 use crate::shadow::dome::{DomeCasters, DomeGather, DomeMaps, DomeSight, MapsJob};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::ShadowLight;
+use crate::shadow::path::PathSettings;
 use crate::shadow::surface::{Surface, SurfacePass};
 use crate::shadow::view::View;
 use crate::shadow::{Family, ShadowMethod};
 use mirrorball_calib::lights::LightTracker;
+use paths::Paths;
 use shading::Shading;
 
 /// Edge of a one-light method's shadow map where nothing else is asked for, texels.
@@ -45,6 +48,7 @@ pub struct Lab {
     shading: Shading,
     timer: Timer,
     key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
+    paths: Paths,
     dome: Option<(ShadowMethod, LabDome)>,
     tracker: LightTracker,
     /// Whether objects or camera have moved since the last picture.
@@ -119,6 +123,7 @@ impl Lab {
             visibility_view,
             shading,
             key: None,
+            paths: Paths::default(),
             dome: None,
             tracker: dome_lights::stable_tracker(),
             is_moved: true,
@@ -149,6 +154,7 @@ impl Lab {
         self.placements.extend_from_slice(placements);
         self.buffers.place(&self.gpu, placements);
         self.casters.place(placements);
+        self.paths.forget_places();
         self.is_moved = true;
     }
 
@@ -158,7 +164,8 @@ impl Lab {
         self.is_moved = true;
     }
 
-    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass.
+    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass. The path tracer takes
+    /// [`PathSettings::default`]; [`Lab::path_traced`] takes others.
     ///
     /// # Errors
     /// [`RenderError::Shadow`] where the method cannot serve, [`RenderError::Gpu`] when the device is lost.
@@ -211,7 +218,13 @@ impl Lab {
         gpu.queue.submit([encoder.finish()]);
         self.is_moved = false;
         gpu.wait("drawing the shadow scene")?;
-        self.timer.read_ms(gpu)
+        let mut stages_ms = self.timer.read_ms(gpu)?;
+        if frame.method.family() == Family::Path {
+            let target = self.shading.radiance_view();
+            let picture = self.traced(frame, &PathSettings::default(), Some(&target))?;
+            stages_ms.extend(picture.stages_ms);
+        }
+        Ok(stages_ms)
     }
 
     /// Makes the passes of the frame's method, unless they are the last frame's.
@@ -219,17 +232,13 @@ impl Lab {
         let (method, map_size) = (frame.method, frame.map_size);
         if method.family() == Family::Dome {
             self.key = None;
-            if !self.dome.as_ref().is_some_and(|(m, _)| *m == method) {
+            if self.dome.as_ref().is_none_or(|(m, _)| *m != method) {
                 self.dome = Some((method, self.new_dome(method)?));
             }
             return Ok(());
         }
         self.dome = None;
-        if !self
-            .key
-            .as_ref()
-            .is_some_and(|(m, s, _)| (*m, *s) == (method, map_size))
-        {
+        if self.key.as_ref().is_none_or(|(m, s, _)| (*m, *s) != (method, map_size)) {
             self.key = method
                 .key_shadow(&self.gpu, map_size)?
                 .map(|passes| (method, map_size, passes));

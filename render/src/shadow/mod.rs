@@ -12,6 +12,7 @@ pub mod haller;
 pub mod key;
 pub mod light;
 mod methods;
+pub mod path;
 pub mod planar;
 pub mod planes;
 pub mod silhouette;

@@ -13,6 +13,7 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::map_view::MapView;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -166,6 +167,17 @@ fn shared_structs_have_one_layout() {
             base_color,
             dielectric,
             parameters
+        }
+    );
+    assert_same_layout!(
+        "shadow_pcf",
+        "MapView",
+        MapView {
+            position_m,
+            right,
+            up,
+            forward,
+            middle
         }
     );
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });

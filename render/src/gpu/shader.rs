@@ -14,6 +14,7 @@ const SHARED: &[(&str, &str)] = &[
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
+    ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
@@ -52,6 +53,11 @@ pub const PASSES: &[(&str, &str)] = &[
     ("dome_refine", include_str!("../../shaders/dome_refine.wgsl")),
     ("dome_visibility", include_str!("../../shaders/dome_visibility.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
+    ("shadow_area", include_str!("../../shaders/shadow_area.wgsl")),
+    ("shadow_depth", include_str!("../../shaders/shadow_depth.wgsl")),
+    ("shadow_nearest", include_str!("../../shaders/shadow_nearest.wgsl")),
+    ("shadow_pcf", include_str!("../../shaders/shadow_pcf.wgsl")),
+    ("shadow_pcss", include_str!("../../shaders/shadow_pcss.wgsl")),
     ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),
 ];
 

@@ -17,6 +17,7 @@ pub mod prefilter_specular;
 pub mod receive;
 pub mod separable_blur;
 pub mod shadow_map;
+pub mod shadow_rays;
 pub mod sphere_map;
 
 /// Probe picture to radiance cube: `calib` needs it as well, for single pictures.

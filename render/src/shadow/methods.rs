@@ -2,7 +2,10 @@
 
 use std::str::FromStr;
 
+use super::area::{AreaShadow, N_REFERENCE};
 use super::key::KeyShadow;
+use super::pcf::{PcfShadow, Taps};
+use super::pcss::PcssShadow;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 
@@ -160,8 +163,15 @@ impl ShadowMethod {
     /// # Errors
     /// [`RenderError::Shadow`] where this adapter cannot.
     pub fn key_shadow(self, gpu: &Gpu, map_size: u32) -> Result<Option<Box<dyn KeyShadow>>, RenderError> {
-        let _ = (gpu, map_size);
-        Ok(None)
+        Ok(match self {
+            Self::Map => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::One))),
+            Self::Pcf9 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::Nine))),
+            Self::Pcf25 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::TwentyFive))),
+            Self::Pcf49 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::FortyNine))),
+            Self::Pcss => Some(Box::new(PcssShadow::new(gpu, map_size))),
+            Self::Area => Some(Box::new(AreaShadow::new(gpu, map_size, N_REFERENCE))),
+            _ => None,
+        })
     }
 }
 

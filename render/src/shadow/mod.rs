@@ -4,11 +4,17 @@
 //! A one-light method ([`key::KeyShadow`]) fills a picture with the share of one light that arrives; the rest of the light
 //! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
 
+pub mod area;
+pub mod atlas;
 pub mod casters;
 pub mod dome;
 pub mod key;
 pub mod light;
+pub mod map_view;
 mod methods;
+pub mod nearest;
+pub mod pcf;
+pub mod pcss;
 pub mod surface;
 pub mod view;
 

@@ -2,6 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
+mod area;
 mod blocks;
 mod dome;
 mod lab;
+mod maps;
+mod penumbra;
+mod scratch_maps;
+mod truth;

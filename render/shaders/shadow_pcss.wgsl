@@ -14,7 +14,8 @@ const N_FILTER: u32 = 64u;
 @group(0) @binding(1) var<storage, read> views: array<MapView>;
 @group(0) @binding(2) var<uniform> light: KeyLight;
 @group(0) @binding(3) var depths: texture_depth_2d;
-@group(0) @binding(4) var nearest: texture_2d<f32>;
+// Nearest depths of the map, level by level (src/shadow/nearest.rs).
+@group(0) @binding(4) var<storage, read> nearest: array<f32>;
 @group(0) @binding(5) var places: texture_2d<f32>;
 @group(0) @binding(6) var normals: texture_2d<f32>;
 @group(0) @binding(7) var visibility: texture_storage_2d<rgba16float, write>;
@@ -69,15 +70,14 @@ fn metres(depth: f32) -> f32 {
 // Half the part of the map that can hold blockers, texels; negative where there are none. What is nearest in the whole map
 // says how far that part reaches, what is nearest in the part narrows it.
 fn search_reach(seen: Seen) -> vec2f {
-    let last = textureNumLevels(nearest) - 1u;
-    var depth = textureLoad(nearest, vec2u(0u), last).x;
+    var depth = nearest[arrayLength(&nearest) - 1u];
     var reach = vec2f(0.0);
     for (var i = 0u; i < 3u; i++) {
         if depth >= seen.depth - depth_bias(seen, 1.0) {
             return vec2f(-1.0);
         }
         reach = max(reach_at(seen, metres(depth)), vec2f(0.5));
-        let narrower = nearest_within(seen.texel, reach, last);
+        let narrower = nearest_within(seen.texel, reach);
         if narrower <= depth {
             break;
         }
@@ -86,17 +86,22 @@ fn search_reach(seen: Seen) -> vec2f {
     return reach;
 }
 
-fn nearest_within(texel: vec2f, reach: vec2f, last: u32) -> f32 {
+fn nearest_within(texel: vec2f, reach: vec2f) -> f32 {
+    // The finest level has half the map's edge, rounded up to a power of two.
+    let finest = 1u << (32u - countLeadingZeros((atlas.shape.x + 1u) / 2u - 1u));
     // Cells at least as wide as the reach: three a side at most.
-    let level = min(u32(max(ceil(log2(max(reach.x, reach.y))) - 1.0, 0.0)), last);
-    let cell = exp2(f32(level + 1u));
-    let top = vec2i(textureDimensions(nearest, level)) - 1;
-    let low = clamp(vec2i(floor((texel - reach) / cell)), vec2i(0), top);
-    let high = clamp(vec2i(floor((texel + reach) / cell)), vec2i(0), top);
+    let wanted = u32(max(ceil(log2(max(reach.x, reach.y))) - 1.0, 0.0));
+    let level = min(wanted, firstTrailingBit(finest));
+    let edge = finest >> level;
+    // The levels before are a geometric series.
+    let start = (finest * finest - edge * edge) / 3u * 4u;
+    let cell = f32(2u << level);
+    let low = clamp(vec2i(floor((texel - reach) / cell)), vec2i(0), vec2i(i32(edge) - 1));
+    let high = clamp(vec2i(floor((texel + reach) / cell)), vec2i(0), vec2i(i32(edge) - 1));
     var least = 1.0;
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
-            least = min(least, textureLoad(nearest, vec2i(x, y), level).x);
+            least = min(least, nearest[start + u32(y) * edge + u32(x)]);
         }
     }
     return least;

@@ -3,9 +3,13 @@
 use std::str::FromStr;
 
 use super::area::{AreaShadow, N_REFERENCE};
+use super::blob::BlobShadow;
+use super::haller::HallerShadow;
 use super::key::KeyShadow;
 use super::pcf::{PcfShadow, Taps};
 use super::pcss::PcssShadow;
+use super::planar::PlanarShadow;
+use super::volume::{Counting, VolumeShadow};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 
@@ -164,6 +168,12 @@ impl ShadowMethod {
     /// [`RenderError::Shadow`] where this adapter cannot.
     pub fn key_shadow(self, gpu: &Gpu, map_size: u32) -> Result<Option<Box<dyn KeyShadow>>, RenderError> {
         Ok(match self {
+            Self::Blob => Some(Box::new(BlobShadow::new(gpu))),
+            Self::Planar => Some(Box::new(PlanarShadow::new(gpu, PlanarShadow::HARD))),
+            Self::SoftPlanar => Some(Box::new(PlanarShadow::new(gpu, PlanarShadow::SOFT))),
+            Self::VolumeZPass => Some(Box::new(VolumeShadow::new(gpu, Counting::InFront))),
+            Self::VolumeZFail => Some(Box::new(VolumeShadow::new(gpu, Counting::Behind))),
+            Self::Haller => Some(Box::new(HallerShadow::new(gpu))),
             Self::Map => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::One))),
             Self::Pcf9 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::Nine))),
             Self::Pcf25 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::TwentyFive))),

@@ -6,8 +6,10 @@
 
 pub mod area;
 pub mod atlas;
+pub mod blob;
 pub mod casters;
 pub mod dome;
+pub mod haller;
 pub mod key;
 pub mod light;
 pub mod map_view;
@@ -15,7 +17,13 @@ mod methods;
 pub mod nearest;
 pub mod pcf;
 pub mod pcss;
+pub mod planar;
+pub mod planes;
+pub mod silhouette;
+pub mod stencil;
 pub mod surface;
 pub mod view;
+pub mod volume;
+pub mod volume_mesh;
 
 pub use methods::{Family, ShadowMethod};

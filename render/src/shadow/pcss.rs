@@ -64,7 +64,7 @@ impl KeyShadow for PcssShadow {
                 views,
                 job.light_buffer.as_entire_binding(),
                 wgpu::BindingResource::TextureView(self.atlas.depth()),
-                wgpu::BindingResource::TextureView(self.nearest.levels()),
+                self.nearest.levels().as_entire_binding(),
                 wgpu::BindingResource::TextureView(&job.surface.place),
                 wgpu::BindingResource::TextureView(&job.surface.normal),
                 wgpu::BindingResource::TextureView(job.visibility),

@@ -8,5 +8,7 @@ mod dome;
 mod lab;
 mod maps;
 mod penumbra;
-mod scratch_maps;
+mod planar;
+mod rays;
 mod truth;
+mod volumes;

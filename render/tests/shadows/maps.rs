@@ -250,8 +250,9 @@ fn a_light_inside_a_thing_lights_nothing_outside() {
                     && is_told(*place)
                     && place.truncate().abs().max_element() > 0.3 + 0.05
                 {
-                    // One sample of 64 may slip past a corner.
-                    assert!(*visibility < 0.02, "{method:?} {light:?}: {visibility} at {place}");
+                    // A filter as wide as the penumbra reaches to where the light's middle sees past the walls.
+                    let leak = if method == ShadowMethod::Pcss { 0.1 } else { 0.01 };
+                    assert!(*visibility < leak, "{method:?} {light:?}: {visibility} at {place}");
                 }
             }
         }

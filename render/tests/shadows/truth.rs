@@ -84,7 +84,7 @@ impl Seen {
             let u = normal.any_orthonormal_vector();
             let v = normal.cross(u);
             let is_edge = (0..8)
-                .map(|i| (0.785_398 * i as f32).sin_cos())
+                .map(|i| (std::f32::consts::FRAC_PI_4 * i as f32).sin_cos())
                 .any(|(sine, cosine)| share((point + rim_m * (cosine * u + sine * v), normal)) != truth);
             if !is_edge {
                 n += 1;

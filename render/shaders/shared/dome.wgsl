@@ -15,7 +15,7 @@ struct DomeLight {
 struct Frame {
     counts: vec4u,
     sizes: vec4u,
-    ambient: vec4f,
+    unshaded: vec4f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -20,16 +20,25 @@ fn stored(light: u32, at: vec2f) -> f32 {
     return bitcast<f32>(maps[(light * size + texel.y) * size + texel.x]);
 }
 
-// A place on the unit disk for one of the 16 pixels of a tile, turned from light to light (Vogel 1979's spiral).
-fn disk(pixel: vec2u, light: u32) -> vec2f {
+// Number of a pixel in its tile of 4 × 4: neighbours are far apart (an ordered dither matrix: Bayer 1973).
+fn rank_in_tile(pixel: vec2u) -> u32 {
     let x = pixel.x & 3u;
     let y = pixel.y & 3u;
-    // Neighbours in the tile lie far apart on the spiral: an ordered dither matrix (Bayer 1973).
     let mixed = x ^ y;
-    let rank = ((mixed & 1u) << 3u) | ((y & 1u) << 2u) | (mixed & 2u) | ((y & 2u) >> 1u);
+    return ((mixed & 1u) << 3u) | ((y & 1u) << 2u) | (mixed & 2u) | ((y & 2u) >> 1u);
+}
+
+// A place on the unit disk for each of the 16 pixels of a tile, turned from light to light (Vogel 1979's spiral).
+fn disk(rank: u32, light: u32) -> vec2f {
     let radius = sqrt((f32(rank) + 0.5) / 16.0);
     let angle = 2.3999632 * f32(rank) + 1.7 * f32(light);
     return radius * vec2f(cos(angle), sin(angle));
+}
+
+// A place in a texel for each of the 16, so that together they look at all of it: texels do not show at edges.
+fn in_texel(rank: u32) -> vec2f {
+    let turned = (rank * 7u) & 15u;
+    return (vec2f(f32(turned & 3u), f32(turned >> 2u)) - 1.5) / 4.0;
 }
 
 fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
@@ -49,14 +58,16 @@ fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
         return stored(i, at) <= light.depth.x - light.depth.y / z;
     }
     // Texels that the ray moves sideways per metre of height.
-    let sideways = disk(pixel, i) * (light.position_m.w * half_size / (light.depth.w * z));
+    let rank = rank_in_tile(pixel);
+    let from_texel = at + in_texel(rank);
+    let sideways = disk(rank, i) * (light.position_m.w * half_size / (light.depth.w * z));
     // The steps' heights differ from pixel to pixel, so that their bounds do not show.
     let jitter = f32((pixel.x * 5u + pixel.y * 3u + i) & 7u) / 8.0;
     var low = 0.0;
     var high = FIRST_STEP_TEXELS * texel_m * exp2(jitter);
     for (var step = 0; step < STEPS; step++) {
         let middle = select(0.75, 0.5, step == 0) * high;
-        let depth = stored(i, at + sideways * middle);
+        let depth = stored(i, from_texel + sideways * middle);
         // Height of what the map shows over the point, along the light's view.
         let height = z - light.depth.y / (light.depth.x - depth);
         if depth > 0.0 && height > low && (height <= high || step == STEPS - 1) {

@@ -17,7 +17,6 @@ const SHARED: &[(&str, &str)] = &[
     ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
-    ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
 ];
 
@@ -31,6 +30,8 @@ pub const PASSES: &[(&str, &str)] = &[
     ("highlight", include_str!("../../shaders/highlight.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
     ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
+    ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),
+    ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),
@@ -46,13 +47,13 @@ pub const PASSES: &[(&str, &str)] = &[
     ("separable_blur", include_str!("../../shaders/separable_blur.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_blob", include_str!("../../shaders/shadow_blob.wgsl")),
-    ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
     ("shadow_planar", include_str!("../../shaders/shadow_planar.wgsl")),
     ("shadow_stencil", include_str!("../../shaders/shadow_stencil.wgsl")),
     ("shadow_volume", include_str!("../../shaders/shadow_volume.wgsl")),
     ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
     ("dome_filter", include_str!("../../shaders/dome_filter.wgsl")),
     ("dome_light", include_str!("../../shaders/dome_light.wgsl")),
+    ("dome_light_pair", include_str!("../../shaders/dome_light_pair.wgsl")),
     ("dome_maps", include_str!("../../shaders/dome_maps.wgsl")),
     ("dome_refine", include_str!("../../shaders/dome_refine.wgsl")),
     ("dome_visibility", include_str!("../../shaders/dome_visibility.wgsl")),

@@ -13,7 +13,7 @@ use crate::gpu::timer::Timer;
 use crate::scene::Scene;
 use crate::scene_gpu::{IndexRange, SceneBuffers};
 use crate::shadow::casters::Casters;
-use crate::shadow::dome::{Dome, DomeCasters, DomeJob};
+use crate::shadow::dome::{DomeCasters, DomeGather, DomeMaps, DomeSight, MapsJob};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::ShadowLight;
 use crate::shadow::surface::{Surface, SurfacePass};
@@ -45,10 +45,18 @@ pub struct Lab {
     shading: Shading,
     timer: Timer,
     key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
-    dome: Option<(ShadowMethod, Dome)>,
+    dome: Option<(ShadowMethod, LabDome)>,
     tracker: LightTracker,
     /// Whether objects or camera have moved since the last picture.
     is_moved: bool,
+}
+
+/// The passes of a dome method.
+#[derive(Debug)]
+struct LabDome {
+    maps: DomeMaps,
+    sight: DomeSight,
+    gather: DomeGather,
 }
 
 /// A finished picture.
@@ -170,21 +178,19 @@ impl Lab {
             (_, Some((method, dome))) => {
                 let bounds = self.casters.bounds();
                 let plan = dome_lights::plan(*method, (frame.light, frame.ambient), bounds, &mut self.tracker);
-                let job = DomeJob {
-                    scene: &self.buffers,
+                let job = MapsJob {
                     lights: &plan.lights,
-                    bounds,
-                    unshaded: plan.unshaded,
-                    unshaded_from: dome_lights::unshaded_from(*method),
+                    receivers: bounds,
+                    everything: bounds,
                     is_moved: self.is_moved,
                     refreshes_max: frame.refreshes_max,
                 };
-                dome.record(gpu, &mut encoder, &mut self.timer, &job);
-                encoder.copy_texture_to_texture(
-                    dome.irradiance().as_image_copy(),
-                    self.visibility.as_image_copy(),
-                    self.visibility.size(),
-                );
+                let timer = &mut self.timer;
+                let refreshed = dome.maps.record(gpu, &mut encoder, timer, &job);
+                dome.sight.record(gpu, &mut encoder, timer, (&dome.maps, refreshed));
+                let from = method.unshaded_from();
+                dome.gather
+                    .record(gpu, &mut encoder, timer, (&dome.maps, plan.unshaded, from));
             }
             (Some((_, _, method)), None) => {
                 let job = Job {
@@ -231,15 +237,15 @@ impl Lab {
         Ok(())
     }
 
-    fn new_dome(&self, method: ShadowMethod) -> Result<Dome, RenderError> {
+    fn new_dome(&self, method: ShadowMethod) -> Result<LabDome, RenderError> {
+        let (gpu, surface) = (&self.gpu, self.surface.views());
         let texel_m = 2.0 * self.casters.bounds().radius_m / DOME_MAP_SIZE as f32;
-        let casters = DomeCasters::new(&self.gpu, &self.casters, texel_m)?;
-        let shape = (
-            dome_lights::mode(method),
-            dome_lights::lights_max(method),
-            DOME_MAP_SIZE,
-        );
-        Dome::new(&self.gpu, (&self.surface, &self.buffers), casters, shape)
+        let casters = DomeCasters::new(gpu, &self.casters, texel_m)?;
+        let mode = method.ray_mode();
+        let maps = DomeMaps::new(gpu, &self.buffers, casters, [method.dome_lights(), DOME_MAP_SIZE])?;
+        let sight = DomeSight::new(gpu, surface, &maps, mode)?;
+        let gather = DomeGather::new(gpu, surface, (&maps, &sight), (&self.visibility_view, mode));
+        Ok(LabDome { maps, sight, gather })
     }
 
     /// Draws a picture and reads it back.

@@ -108,12 +108,17 @@ impl Caster {
 
     /// Its triangles in the world frame, metres.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
-        self.mesh.indices.chunks_exact(3).map(|triangle| {
-            [0, 1, 2].map(|i| {
-                let vertex = &self.mesh.vertices[triangle[i] as usize];
-                self.world_from_object.transform_point3(Vec3::from(vertex.position))
-            })
-        })
+        self.own_triangles()
+            .map(|corners| corners.map(|corner| self.world_from_object.transform_point3(corner)))
+    }
+
+    /// Its triangles in its own frame, metres.
+    pub fn own_triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        let corner = |i: u32| Vec3::from(self.mesh.vertices[i as usize].position);
+        self.mesh
+            .indices
+            .chunks_exact(3)
+            .map(move |triangle| [triangle[0], triangle[1], triangle[2]].map(corner))
     }
 }
 

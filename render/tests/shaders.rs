@@ -16,6 +16,7 @@ use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace}
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
 use mirrorball_render::shadow::dome::{GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS};
 use mirrorball_render::shadow::light::GpuShadowLight;
+use mirrorball_render::shadow::map_view::MapView;
 use mirrorball_render::shadow::path::hierarchy::{GpuBvhNode, GpuBvhTriangle, MAX_DEPTH};
 use mirrorball_render::shadow::path::irradiance::GpuIrradianceSettings;
 use mirrorball_render::shadow::path::run::GpuPathSettings;
@@ -158,6 +159,21 @@ fn shared_structs_have_one_layout() {
         }
     );
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
+}
+
+#[test]
+fn views_of_shadow_maps_have_one_layout() {
+    assert_same_layout!(
+        "shadow_pcf",
+        "MapView",
+        MapView {
+            position_m,
+            right,
+            up,
+            forward,
+            middle
+        }
+    );
 }
 
 #[test]

@@ -22,6 +22,7 @@ const SHARED: &[(&str, &str)] = &[
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
     ("path_material", include_str!("../../shaders/shared/path_material.wgsl")),
+    ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
@@ -93,6 +94,11 @@ pub const PASSES: &[(&str, &str)] = &[
     ),
     ("shadow_wedges", include_str!("../../shaders/shadow_wedges.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
+    ("shadow_area", include_str!("../../shaders/shadow_area.wgsl")),
+    ("shadow_depth", include_str!("../../shaders/shadow_depth.wgsl")),
+    ("shadow_nearest", include_str!("../../shaders/shadow_nearest.wgsl")),
+    ("shadow_pcf", include_str!("../../shaders/shadow_pcf.wgsl")),
+    ("shadow_pcss", include_str!("../../shaders/shadow_pcss.wgsl")),
     ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),
 ];
 

@@ -17,6 +17,7 @@ pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod receive;
 pub mod separable_blur;
+pub mod shadow_rays;
 pub mod shadow_wedges;
 pub mod sphere_map;
 

@@ -2,10 +2,13 @@
 
 use std::str::FromStr;
 
+use super::area::{AreaShadow, N_REFERENCE};
 use super::attenuation::AttenuationMaps;
 use super::blob::BlobShadow;
 use super::haller::HallerShadow;
 use super::key::KeyShadow;
+use super::pcf::{PcfShadow, Taps};
+use super::pcss::PcssShadow;
 use super::planar::PlanarShadow;
 use super::volume::{Counting, VolumeShadow};
 use super::wedge_light::Coverage;
@@ -181,6 +184,12 @@ impl ShadowMethod {
             Self::Wedges => Some(Box::new(Wedges::new(gpu, Coverage::Counted))),
             Self::WedgesSummed => Some(Box::new(Wedges::new(gpu, Coverage::Summed))),
             Self::AttenuationMaps => Some(Box::new(AttenuationMaps::new(gpu, map_size)?)),
+            Self::Map => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::One))),
+            Self::Pcf9 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::Nine))),
+            Self::Pcf25 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::TwentyFive))),
+            Self::Pcf49 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::FortyNine))),
+            Self::Pcss => Some(Box::new(PcssShadow::new(gpu, map_size))),
+            Self::Area => Some(Box::new(AreaShadow::new(gpu, map_size, N_REFERENCE))),
             _ => None,
         })
     }

@@ -4,6 +4,8 @@
 //! A one-light method ([`key::KeyShadow`]) fills a picture with the share of one light that arrives; the rest of the light
 //! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
 
+pub mod area;
+pub mod atlas;
 pub mod attenuation;
 pub mod blob;
 pub mod casters;
@@ -11,8 +13,12 @@ pub mod dome;
 pub mod haller;
 pub mod key;
 pub mod light;
+pub mod map_view;
 mod methods;
+pub mod nearest;
 pub mod path;
+pub mod pcf;
+pub mod pcss;
 pub mod planar;
 pub mod planes;
 pub mod silhouette;

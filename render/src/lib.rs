@@ -23,6 +23,7 @@
 
 pub mod app;
 pub mod ball_place;
+pub mod cli;
 pub mod config;
 pub mod environments;
 pub mod error;

@@ -1,7 +1,14 @@
 //! Shadows without cameras: a scene of virtual objects, a pinhole view, one light that can be moved, ambient light from
 //! everywhere, and any shadow method.
 
+pub mod lamp;
+pub mod meshes;
+pub mod scenes;
 pub mod shading;
+pub mod show;
+pub mod tone;
+pub mod toys;
+pub mod window;
 
 use glam::{Affine3A, Vec3, Vec4};
 

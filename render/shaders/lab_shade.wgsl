@@ -3,10 +3,12 @@
 #import key_light
 
 @group(0) @binding(0) var<uniform> light: KeyLight;
+// w: 1 when `visibility` holds the irradiance of all light.
 @group(0) @binding(1) var<uniform> ambient: vec4f;
 @group(0) @binding(2) var places: texture_2d<f32>;
 @group(0) @binding(3) var normals: texture_2d<f32>;
 @group(0) @binding(4) var colors: texture_2d<f32>;
+// Share of the light that arrives, or irradiance.
 @group(0) @binding(5) var visibility: texture_2d<f32>;
 @group(0) @binding(6) var radiance: texture_storage_2d<rgba16float, write>;
 
@@ -21,7 +23,11 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
         return;
     }
     let normal = textureLoad(normals, at.xy, 0).xyz;
-    let direct = unshadowed_key(light, place.xyz, normal) * textureLoad(visibility, at.xy, 0).rgb;
-    let reflected = textureLoad(colors, at.xy, 0).rgb * (direct / 3.14159265 + ambient.rgb);
+    let share = textureLoad(visibility, at.xy, 0).rgb;
+    var irradiance = share;
+    if ambient.w == 0.0 {
+        irradiance = unshadowed_key(light, place.xyz, normal) * share + 3.14159265 * ambient.rgb;
+    }
+    let reflected = textureLoad(colors, at.xy, 0).rgb * irradiance / 3.14159265;
     textureStore(radiance, at.xy, vec4f(reflected, 1.0));
 }

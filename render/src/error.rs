@@ -145,6 +145,14 @@ pub enum RenderError {
         #[source]
         source: wgpu::RequestDeviceError,
     },
+    /// A file that is no environment map.
+    #[error("cannot use `{}` as the environment: {message}", file.display())]
+    EnvironmentIn {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
     /// A shadow method cannot draw what it was asked to.
     #[error("shadow method `{method}`: {message}")]
     Shadow {
@@ -197,6 +205,9 @@ impl RenderError {
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
             Self::Signals { .. } => None,
+            Self::EnvironmentIn { .. } => {
+                Some("give an equirectangular OpenEXR map like those of `--environment-out`".into())
+            }
             Self::Shadow { hint, .. } => Some((*hint).into()),
             Self::Decode { .. } => Some("skip bad frames with `--skip-bad-frames`".into()),
             Self::FrameSize { .. } => Some("give the rig file that belongs to this camera mode".into()),
@@ -228,6 +239,7 @@ impl RenderError {
             | Self::NoSceneFrame { .. }
             | Self::Decode { .. }
             | Self::FrameSize { .. }
+            | Self::EnvironmentIn { .. }
             | Self::Shadow { .. }
             | Self::Write { .. } => true,
             Self::Handover { source, .. } => source.is_bad_input(),

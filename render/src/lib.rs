@@ -25,6 +25,7 @@ pub mod app;
 pub mod ball_place;
 pub mod cli;
 pub mod config;
+pub mod environment_in;
 pub mod environments;
 pub mod error;
 pub mod frame;

@@ -14,6 +14,7 @@ use mirrorball_capture::{BadFramePolicy, handover};
 use mirrorball_render::app::{App, Frames, Input, Step};
 use mirrorball_render::cli;
 use mirrorball_render::config::RenderConfig;
+use mirrorball_render::environment_in;
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, Work};
@@ -30,6 +31,9 @@ struct Arguments {
     /// Scene file: virtual objects and phantoms.
     #[arg(long, value_name = "FILE")]
     scene: PathBuf,
+    /// Environment map to light the objects with instead of measuring the light; equirectangular OpenEXR.
+    #[arg(long, value_name = "FILE")]
+    environment_in: Option<PathBuf>,
     /// Settings; see `configs/render.toml`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -107,7 +111,15 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         sinks.push(Box::new(FolderSink::create(folder, (environment, work))?));
     }
     let frames = Frames::open(&input, &rig.scene_camera().name)?;
-    let node = RenderNode::new(Gpu::open()?, rig, &scene, config)?.with_work(work);
+    let given = arguments
+        .environment_in
+        .as_deref()
+        .map(|file| environment_in::read_exr(file, config.probe.cube_size))
+        .transpose()?;
+    let mut node = RenderNode::new(Gpu::open()?, rig, &scene, config)?.with_work(work);
+    if let Some(radiance) = given {
+        node = node.with_light(radiance);
+    }
     tracing::info!(adapter = node.adapter_name(), "render node ready");
     let mut app = App::new(node, frames, sinks);
     let stop = stop_flag()?;

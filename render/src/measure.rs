@@ -57,6 +57,10 @@ impl RenderNode {
         frame: &Frame,
         pose: Option<&Pose>,
     ) -> Result<(), RenderError> {
+        if let Some(given) = &self.given_light {
+            self.light = Some(self.probe.given(given));
+            return Ok(());
+        }
         let hidden = self.find_ball(set, frame, pose)?;
         let mut looking: Vec<Looking<'_>> = self
             .looking(set, frame, pose)?

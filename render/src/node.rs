@@ -31,6 +31,7 @@ use crate::scene::{Kind, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::tracker::{TrackedPose, Tracker};
 use mirrorball_calib::probe::ProbeOptics;
+use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
 use mirrorball_calib::probe::radiance::luminance;
 
@@ -111,6 +112,8 @@ pub struct RenderNode {
     pub(crate) measured: Vec<Option<MeasuredFrame>>,
     /// The mirror ball, if the rig has one.
     pub(crate) ball_place: Option<BallPlace>,
+    /// A map in place of the measured light.
+    pub(crate) given_light: Option<Cube<Vec3>>,
     /// Frames since the light was last measured.
     pub(crate) light_age: u64,
     /// The camera that last showed nothing of the light, and why.
@@ -210,6 +213,7 @@ impl RenderNode {
                 };
                 BallPlace::new(&sphere, Vec3::from_array(ball.reflectance.map(|r| r as f32)))
             }),
+            given_light: None,
             light_age: 0,
             blind: None,
             gpu,
@@ -231,6 +235,15 @@ impl RenderNode {
     #[must_use]
     pub fn with_work(self, work: Work) -> Self {
         Self { work, ..self }
+    }
+
+    /// The node, lit from now on by a map (linear radiance, world frame, infinitely far away) instead of what it measures.
+    #[must_use]
+    pub fn with_light(self, radiance: Cube<Vec3>) -> Self {
+        Self {
+            given_light: Some(radiance),
+            ..self
+        }
     }
 
     /// Name of the graphics adapter.
@@ -269,7 +282,7 @@ impl RenderNode {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
-    pub fn local_light(&self) -> Result<Vec<(String, mirrorball_calib::probe::cube::Cube<Vec3>)>, RenderError> {
+    pub fn local_light(&self) -> Result<Vec<(String, Cube<Vec3>)>, RenderError> {
         self.environments.read(&self.gpu)
     }
 

@@ -21,6 +21,20 @@ pub fn direction(i: f32, j: f32) -> Vec3 {
     Vec3::new(theta.sin() * phi.sin(), theta.sin() * phi.cos(), theta.cos())
 }
 
+/// Column and row of the pixel that shows a direction (world, of any length above 0) in a picture of `size_px` columns and
+/// rows: the inverse of [`direction`].
+#[must_use]
+pub fn pixel_of(direction: Vec3, size_px: [usize; 2]) -> [usize; 2] {
+    let [width, height] = size_px.map(|s| s as f32);
+    let unit = direction.normalize_or(Vec3::Z);
+    let column = (unit.x.atan2(unit.y) / (2.0 * PI) + 0.5) * width;
+    let row = unit.z.clamp(-1.0, 1.0).acos() / PI * height;
+    [
+        (column as usize).min(size_px[0] - 1),
+        (row as usize).min(size_px[1] - 1),
+    ]
+}
+
 /// The cube as an equirectangular picture, row after row; each pixel the mean of nine places in it.
 #[must_use]
 pub fn equirectangular(radiance: &Cube<Vec3>) -> Vec<Vec3> {
@@ -51,6 +65,13 @@ mod tests {
         near(direction(255.5, 127.5), Vec3::Y);
         near(direction(383.5, 127.5), Vec3::X);
         near(direction(255.5, 255.5), Vec3::NEG_Z);
+    }
+
+    #[test]
+    fn pixels_and_directions_are_inverse() {
+        for (i, j) in [(0, 0), (511, 255), (256, 128), (100, 30)] {
+            assert_eq!(pixel_of(direction(i as f32, j as f32), [WIDTH, HEIGHT]), [i, j]);
+        }
     }
 
     #[test]

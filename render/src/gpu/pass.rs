@@ -73,7 +73,8 @@ impl Gpu {
     pub fn target(&self, label: &str, shape: TextureShape, format: wgpu::TextureFormat) -> wgpu::Texture {
         let mut usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         if !format.is_depth_stencil_format() {
-            usage |= wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC;
+            usage |=
+                wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
         }
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),

@@ -1,6 +1,7 @@
 //! Shadows without cameras: a scene of virtual objects, a pinhole view, one light that can be moved, ambient light from
 //! everywhere, and any shadow method.
 
+mod dome_lights;
 pub mod lamp;
 pub mod meshes;
 pub mod scenes;
@@ -18,16 +19,21 @@ use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
 use crate::scene::Scene;
 use crate::scene_gpu::{IndexRange, SceneBuffers};
-use crate::shadow::ShadowMethod;
 use crate::shadow::casters::Casters;
+use crate::shadow::dome::{Dome, DomeCasters, DomeJob};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::ShadowLight;
 use crate::shadow::surface::{Surface, SurfacePass};
 use crate::shadow::view::View;
+use crate::shadow::{Family, ShadowMethod};
+use mirrorball_calib::lights::LightTracker;
 use shading::Shading;
 
 /// Edge of a one-light method's shadow map where nothing else is asked for, texels.
 pub const MAP_SIZE: u32 = 1024;
+
+/// Edge of a map of a dome, texels.
+const DOME_MAP_SIZE: u32 = 256;
 
 /// A scene on the GPU with all that is needed to draw it.
 #[derive(Debug)]
@@ -46,6 +52,10 @@ pub struct Lab {
     shading: Shading,
     timer: Timer,
     key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
+    dome: Option<(ShadowMethod, Dome)>,
+    tracker: LightTracker,
+    /// Whether objects or camera have moved since the last picture.
+    is_moved: bool,
 }
 
 /// A finished picture.
@@ -70,6 +80,8 @@ pub struct LabFrame<'a> {
     pub light: &'a ShadowLight,
     /// Radiance of the light that comes from everywhere alike, linear RGB.
     pub ambient: Vec3,
+    /// Depth maps of a dome refreshed at most per picture, once all are drawn; the seeds' rule is 1.
+    pub refreshes_max: usize,
 }
 
 impl Lab {
@@ -106,6 +118,9 @@ impl Lab {
             visibility_view,
             shading,
             key: None,
+            dome: None,
+            tracker: dome_lights::stable_tracker(),
+            is_moved: true,
         })
     }
 
@@ -133,11 +148,13 @@ impl Lab {
         self.placements.extend_from_slice(placements);
         self.buffers.place(&self.gpu, placements);
         self.casters.place(placements);
+        self.is_moved = true;
     }
 
     /// Moves the camera; the picture keeps its size.
     pub fn set_view(&mut self, view: &View) {
         self.surface.set_view(&self.gpu, view);
+        self.is_moved = true;
     }
 
     /// Draws a picture and leaves it on the GPU; returns milliseconds per pass.
@@ -145,18 +162,38 @@ impl Lab {
     /// # Errors
     /// [`RenderError::Shadow`] where the method cannot serve, [`RenderError::Gpu`] when the device is lost.
     pub fn draw(&mut self, frame: &LabFrame<'_>) -> Result<Vec<(&'static str, f64)>, RenderError> {
-        self.prepare_key(frame)?;
+        self.prepare(frame)?;
         let gpu = &self.gpu;
         gpu.write(&self.light_buffer, &[frame.light.to_gpu()]);
-        self.shading.write(gpu, frame.ambient);
+        let is_dome = self.dome.is_some();
+        self.shading.write(gpu, frame.ambient, is_dome);
         self.timer.start_frame();
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("lab") });
         let inputs = (&self.surface, &self.buffers, &self.everything);
         self.surface_pass.record(&mut encoder, &mut self.timer, inputs);
-        match &mut self.key {
-            Some((_, _, method)) => {
+        match (&mut self.key, &mut self.dome) {
+            (_, Some((method, dome))) => {
+                let bounds = self.casters.bounds();
+                let plan = dome_lights::plan(*method, (frame.light, frame.ambient), bounds, &mut self.tracker);
+                let job = DomeJob {
+                    scene: &self.buffers,
+                    lights: &plan.lights,
+                    bounds,
+                    unshaded: plan.unshaded,
+                    unshaded_from: dome_lights::unshaded_from(*method),
+                    is_moved: self.is_moved,
+                    refreshes_max: frame.refreshes_max,
+                };
+                dome.record(gpu, &mut encoder, &mut self.timer, &job);
+                encoder.copy_texture_to_texture(
+                    dome.irradiance().as_image_copy(),
+                    self.visibility.as_image_copy(),
+                    self.visibility.size(),
+                );
+            }
+            (Some((_, _, method)), None) => {
                 let job = Job {
                     surface: &self.surface,
                     scene: &self.buffers,
@@ -167,18 +204,27 @@ impl Lab {
                 };
                 method.record(gpu, &mut encoder, &mut self.timer, &job)?;
             }
-            None => self.shading.clear(&mut encoder, &self.visibility_view),
+            (None, None) => self.shading.clear(&mut encoder, &self.visibility_view),
         }
         self.shading.record(&mut encoder, &mut self.timer);
         self.timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
+        self.is_moved = false;
         gpu.wait("drawing the shadow scene")?;
         self.timer.read_ms(gpu)
     }
 
     /// Makes the passes of the frame's method, unless they are the last frame's.
-    fn prepare_key(&mut self, frame: &LabFrame<'_>) -> Result<(), RenderError> {
+    fn prepare(&mut self, frame: &LabFrame<'_>) -> Result<(), RenderError> {
         let (method, map_size) = (frame.method, frame.map_size);
+        if method.family() == Family::Dome {
+            self.key = None;
+            if !self.dome.as_ref().is_some_and(|(m, _)| *m == method) {
+                self.dome = Some((method, self.new_dome(method)?));
+            }
+            return Ok(());
+        }
+        self.dome = None;
         if !self
             .key
             .as_ref()
@@ -189,6 +235,17 @@ impl Lab {
                 .map(|passes| (method, map_size, passes));
         }
         Ok(())
+    }
+
+    fn new_dome(&self, method: ShadowMethod) -> Result<Dome, RenderError> {
+        let texel_m = 2.0 * self.casters.bounds().radius_m / DOME_MAP_SIZE as f32;
+        let casters = DomeCasters::new(&self.gpu, &self.casters, texel_m)?;
+        let shape = (
+            dome_lights::mode(method),
+            dome_lights::lights_max(method),
+            DOME_MAP_SIZE,
+        );
+        Dome::new(&self.gpu, (&self.surface, &self.buffers), casters, shape)
     }
 
     /// Draws a picture and reads it back.

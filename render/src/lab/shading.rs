@@ -49,9 +49,10 @@ impl Shading {
         }
     }
 
-    /// Uploads the radiance that comes from everywhere.
-    pub fn write(&self, gpu: &Gpu, ambient: Vec3) {
-        gpu.write(&self.ambient, &[ambient.extend(0.0)]);
+    /// Uploads the radiance that comes from everywhere; `is_irradiance`: the visibility holds the irradiance of all light
+    /// instead.
+    pub fn write(&self, gpu: &Gpu, ambient: Vec3, is_irradiance: bool) {
+        gpu.write(&self.ambient, &[ambient.extend(f32::from(is_irradiance))]);
     }
 
     /// Fills a visibility with 1.

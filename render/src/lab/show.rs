@@ -124,6 +124,7 @@ impl Show {
             map_size: self.choice.map_size,
             light: &self.choice.lamp.light(),
             ambient: AMBIENT,
+            refreshes_max: usize::MAX,
         })?;
         Ok(Shown {
             size_px: self.size_px,

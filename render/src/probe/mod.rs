@@ -61,6 +61,9 @@ pub struct Light {
 /// known.
 const FULL_CONFIDENCE: f32 = 0.2;
 
+/// A room this far away looks the same from everywhere near the probe, metres.
+const INFINITELY_FAR_M: f32 = 1000.0;
+
 /// The light probe over time.
 #[derive(Debug)]
 pub struct LightProbe {
@@ -218,6 +221,27 @@ impl LightProbe {
             distance_m,
             room_m,
             meter,
+        }
+    }
+
+    /// The light of a given map, infinitely far away: nothing is measured.
+    pub fn given(&mut self, radiance: &Cube<Vec3>) -> Light {
+        let distance_m = radiance.map(|_| f32::INFINITY);
+        Light {
+            radiance: radiance.clone(),
+            far: radiance.clone(),
+            behind: radiance.clone(),
+            strong: radiance.map(|_| 0),
+            lights: self.lights.update(radiance, &distance_m).to_vec(),
+            distance_m,
+            room_m: INFINITELY_FAR_M,
+            meter: MeterFit {
+                missing: Vec::new(),
+                lights: Vec::new(),
+                residual: 0.0,
+                papers: 0,
+                patches: 0,
+            },
         }
     }
 

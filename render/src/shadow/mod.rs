@@ -5,6 +5,7 @@
 //! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
 
 pub mod casters;
+pub mod dome;
 pub mod key;
 pub mod light;
 mod methods;

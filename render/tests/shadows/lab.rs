@@ -22,6 +22,7 @@ fn picture(light: &ShadowLight, ambient: Vec3) -> (LabPicture, Vec<glam::Vec4>) 
         map_size: MAP_SIZE,
         light,
         ambient,
+        refreshes_max: usize::MAX,
     };
     (lab.picture(&frame).unwrap(), lab.places().unwrap())
 }

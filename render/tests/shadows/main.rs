@@ -3,4 +3,6 @@
 #![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
 
 mod blocks;
+mod dome;
 mod lab;
+mod show;

@@ -202,5 +202,6 @@ fn frame(way: Way, light: &ShadowLight) -> LabFrame<'_> {
         map_size: way.map_size,
         light,
         ambient: AMBIENT,
+        refreshes_max: way.refreshes_max,
     }
 }

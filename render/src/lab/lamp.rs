@@ -79,17 +79,17 @@ pub struct Lamp {
 }
 
 impl Lamp {
-    /// The test scene's lamp: above, a little to the right and to the front.
+    /// The test scene's lamp: above on the left, so that the view sees the shadows.
     #[must_use]
     pub fn over_test_scene(kind: LampKind) -> Self {
-        Self::new(kind, [Vec3::new(0.42, -0.38, 1.15), Vec3::new(0.0, 0.0, 0.05)], 1.0)
+        Self::new(kind, [Vec3::new(-0.48, -0.14, 1.12), Vec3::new(0.0, 0.0, 0.05)], 1.0)
     }
 
     /// A lamp over anything, as large and as far away in proportion as over the test scene.
     #[must_use]
     pub fn over(kind: LampKind, bounds: Sphere) -> Self {
         let scale = bounds.radius_m / 1.3;
-        let position_m = bounds.center_m + scale * Vec3::new(0.6, -0.55, 1.6);
+        let position_m = bounds.center_m + scale * Vec3::new(-0.9, -0.3, 1.4);
         Self::new(kind, [position_m, bounds.center_m], scale)
     }
 

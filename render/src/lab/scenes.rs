@@ -53,7 +53,7 @@ impl MovingScene {
         let wall_m = HALF_GROUND_M - 0.06;
         let sideways =
             Affine3A::from_rotation_translation(Quat::from_rotation_z(FRAC_PI_2), Vec3::new(-wall_m, 0.0, 0.0));
-        let sign = Affine3A::from_rotation_translation(Quat::from_rotation_z(0.35), Vec3::new(0.03, 0.06, 0.0));
+        let sign = Affine3A::from_rotation_translation(Quat::from_rotation_z(-0.15), Vec3::new(0.03, 0.06, 0.0));
         out.push("ground", toys::ground(), Motion::Still(Affine3A::IDENTITY));
         out.push(
             "back wall",

@@ -31,7 +31,7 @@ pub(crate) fn run(effort: &Effort, report: &mut Report) -> Result<(), RenderErro
     report.table(
         "Domes of lights",
         &[
-            "scene",
+            "elements",
             "picture",
             "method",
             "maps refreshed",
@@ -50,7 +50,7 @@ pub(crate) fn run(effort: &Effort, report: &mut Report) -> Result<(), RenderErro
                 MovingScene::one_element()
             };
             let n_elements = scene.scene.objects.len() - 1;
-            let about = format!("{n_elements} elements, {} vertices", scene.n_vertices());
+            let about = format!("{n_elements} of together {} vertices", scene.n_vertices());
             let size_px = effort.picture_px(table_px);
             let mut stand = Stand::new(scene, size_px)?;
             for method in METHODS {

@@ -1,5 +1,5 @@
 // The pixels between those of `dome_visibility`: a bit on which all neighbours on the same surface agree is taken over, and a
-// ray is sent only for lights on which some pixel's neighbours in the tile of 8 × 16 disagree.
+// ray is sent only for lights on which some pixel's neighbours in the tile of 8 × 8 disagree.
 
 #import dome
 
@@ -10,72 +10,66 @@ var<workgroup> undecided: atomic<u32>;
 var<workgroup> undecided_of_all: u32;
 
 // Whether a pixel lies on the same smooth surface.
-fn is_alike(place: vec3f, normal: vec3f, there: vec4f, normal_there: vec3f) -> bool {
-    let offset = there.xyz - place;
-    return there.w > 0.0 && dot(normal, normal_there) > 0.9 && abs(dot(offset, normal)) < 0.3 * length(offset) + 1e-6;
+fn is_alike(place: vec3f, normal: vec3f, there: vec2u) -> bool {
+    let offset = textureLoad(places, there, 0).xyzw - vec4f(place, 0.0);
+    return offset.w > 0.0 && dot(normal, textureLoad(normals, there, 0).xyz) > 0.9
+        && abs(dot(offset.xyz, normal)) < 0.3 * length(offset.xyz) + 1e-6;
 }
 
-@compute @workgroup_size(8, 4, 1)
+@compute @workgroup_size(8, 8, 1)
 fn main(
     @builtin(global_invocation_id) id: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    var place: array<vec4f, 4>;
-    var normal: array<vec3f, 4>;
-    // Four bits per row: which of the four neighbours are alike.
-    var alike: array<u32, 4>;
+    let at = id.xy;
     let size = frame.sizes.yz;
     // The last column and row that `dome_visibility` did.
     let last = (size - 1u) & vec2u(~1u);
-    for (var row = 0u; row < ROWS; row++) {
-        let at = vec2u(id.x, id.y * ROWS + row);
-        place[row] = vec4f(0.0);
-        alike[row] = 0u;
-        if any(at >= size) || ((at.x | at.y) & 1u) == 0u {
-            continue;
-        }
-        place[row] = textureLoad(places, at, 0);
-        normal[row] = textureLoad(normals, at, 0).xyz;
-        for (var corner = 0u; corner < 4u; corner++) {
-            let from_pixel = min((at & vec2u(~1u)) + 2u * (vec2u(corner, corner >> 1u) & vec2u(1u)) * (at & vec2u(1u)), last);
-            let there = textureLoad(places, from_pixel, 0);
-            if is_alike(place[row].xyz, normal[row], there, textureLoad(normals, from_pixel, 0).xyz) {
-                alike[row] |= 1u << corner;
-            }
-        }
+    let low = min(at & vec2u(~1u), last);
+    let high = min((at + 1u) & vec2u(~1u), last);
+    var place = vec4f(0.0);
+    var normal = vec3f(0.0);
+    var is_alike_at = vec4<bool>(false);
+    if all(at < size) && ((at.x | at.y) & 1u) == 1u {
+        place = textureLoad(places, at, 0);
+    }
+    if place.w > 0.0 {
+        normal = textureLoad(normals, at, 0).xyz;
+        is_alike_at = vec4<bool>(
+            is_alike(place.xyz, normal, low),
+            is_alike(place.xyz, normal, high),
+            is_alike(place.xyz, normal, vec2u(low.x, high.y)),
+            is_alike(place.xyz, normal, vec2u(high.x, low.y)),
+        );
     }
     let n_pixels = size.x * size.y;
+    let corners = vec4u(low.y, high.y, high.y, low.y) * size.x + vec4u(low.x, high.x, low.x, high.x);
+    let n_alike = dot(vec4u(is_alike_at), vec4u(1u));
     var first = frame.counts.z;
     while first < frame.counts.w {
         let word = first / 32u;
         let end = min(frame.counts.w, 32u * word + 32u);
         // Bits of the refreshed lights in this word.
         let refreshed = (0xffffffffu << (first & 31u)) & (0xffffffffu >> (31u - ((end - 1u) & 31u)));
-        var mask: array<u32, 4>;
         if local == 0u {
             atomicStore(&undecided, 0u);
         }
         workgroupBarrier();
-        for (var row = 0u; row < ROWS; row++) {
-            let at = vec2u(id.x, id.y * ROWS + row);
-            mask[row] = 0u;
-            if place[row].w == 0.0 {
-                continue;
-            }
-            var some = 0u;
-            var every = refreshed;
-            for (var corner = 0u; corner < 4u; corner++) {
-                if (alike[row] & (1u << corner)) != 0u {
-                    let from_pixel = min((at & vec2u(~1u)) + 2u * (vec2u(corner, corner >> 1u) & vec2u(1u)) * (at & vec2u(1u)), last);
-                    let there = bits[word * n_pixels + from_pixel.y * size.x + from_pixel.x];
-                    some |= there & refreshed;
-                    every &= there;
-                }
-            }
-            mask[row] = every;
+        var mask = 0u;
+        if place.w > 0.0 {
+            let from_word = word * n_pixels;
+            let there = vec4u(
+                bits[from_word + corners.x],
+                bits[from_word + corners.y],
+                bits[from_word + corners.z],
+                bits[from_word + corners.w],
+            );
+            let seen = select(vec4u(0u), there, is_alike_at);
+            let shown = select(vec4u(0xffffffffu), there, is_alike_at);
+            let some = (seen.x | seen.y | seen.z | seen.w) & refreshed;
+            mask = shown.x & shown.y & shown.z & shown.w & refreshed;
             // One neighbour alone could be across a shadow's edge.
-            let n_alike = countOneBits(alike[row]);
-            atomicOr(&undecided, select(refreshed, some & ~every, n_alike > 1u));
+            atomicOr(&undecided, select(refreshed, some & ~mask, n_alike > 1u));
         }
         workgroupBarrier();
         if local == 0u {
@@ -85,25 +79,19 @@ fn main(
         while open != 0u {
             let bit = open & (~open + 1u);
             open &= ~bit;
-            let i = 32u * word + countTrailingZeros(bit);
-            let light = lights[i];
-            for (var row = 0u; row < ROWS; row++) {
-                if place[row].w > 0.0 {
-                    mask[row] &= ~bit;
-                    if light.intensity.w > 0.0 && arrives(i, light, place[row].xyz, normal[row], vec2u(id.x, id.y * ROWS + row)) {
-                        mask[row] |= bit;
-                    }
+            if place.w > 0.0 {
+                mask &= ~bit;
+                if arrives(32u * word + countTrailingZeros(bit), place.xyz, normal, at) {
+                    mask |= bit;
                 }
             }
         }
-        for (var row = 0u; row < ROWS; row++) {
-            if place[row].w > 0.0 {
-                let at = word * n_pixels + (id.y * ROWS + row) * size.x + id.x;
-                if refreshed == 0xffffffffu {
-                    bits[at] = mask[row];
-                } else {
-                    bits[at] = (bits[at] & ~refreshed) | mask[row];
-                }
+        if place.w > 0.0 {
+            let index = word * n_pixels + at.y * size.x + at.x;
+            if refreshed == 0xffffffffu {
+                bits[index] = mask;
+            } else {
+                bits[index] = (bits[index] & ~refreshed) | mask;
             }
         }
         first = end;

@@ -5,54 +5,35 @@
 
 #import dome_ray
 
-@compute @workgroup_size(8, 4, 1)
+@compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-    var place: array<vec4f, 4>;
-    var normal: array<vec3f, 4>;
-    var pixel: array<u32, 4>;
-    let x = 2u * id.x;
-    if x >= frame.sizes.y {
+    let at = 2u * id.xy;
+    if any(at >= frame.sizes.yz) {
         return;
     }
-    for (var row = 0u; row < ROWS; row++) {
-        let y = 2u * (id.y * ROWS + row);
-        place[row] = vec4f(0.0);
-        if y < frame.sizes.z {
-            place[row] = textureLoad(places, vec2u(x, y), 0);
-            normal[row] = textureLoad(normals, vec2u(x, y), 0).xyz;
-        }
-        pixel[row] = y * frame.sizes.y + x;
+    let place = textureLoad(places, at, 0);
+    if place.w == 0.0 {
+        return;
     }
+    let normal = textureLoad(normals, at, 0).xyz;
     let n_pixels = frame.sizes.y * frame.sizes.z;
+    let pixel = at.y * frame.sizes.y + at.x;
     var i = frame.counts.z;
     while i < frame.counts.w {
         let word = i / 32u;
         let end = min(frame.counts.w, 32u * word + 32u);
-        var mask: array<u32, 4>;
-        for (var row = 0u; row < ROWS; row++) {
-            mask[row] = 0u;
-            if place[row].w > 0.0 && end - i < 32u {
-                mask[row] = bits[word * n_pixels + pixel[row]];
-            }
+        var mask = 0u;
+        if end - i < 32u {
+            mask = bits[word * n_pixels + pixel];
         }
         while i < end {
-            let light = lights[i];
             let bit = 1u << (i & 31u);
-            for (var row = 0u; row < ROWS; row++) {
-                mask[row] &= ~bit;
-                if place[row].w > 0.0 && light.intensity.w > 0.0 {
-                    let at = vec2u(x, 2u * (id.y * ROWS + row));
-                    if arrives(i, light, place[row].xyz, normal[row], at) {
-                        mask[row] |= bit;
-                    }
-                }
+            mask &= ~bit;
+            if arrives(i, place.xyz, normal, at) {
+                mask |= bit;
             }
             i++;
         }
-        for (var row = 0u; row < ROWS; row++) {
-            if place[row].w > 0.0 {
-                bits[word * n_pixels + pixel[row]] = mask[row];
-            }
-        }
+        bits[word * n_pixels + pixel] = mask;
     }
 }

@@ -25,6 +25,6 @@ struct Frame {
 // Irradiance of a light of intensity 1 on a surface, shadows aside.
 fn unshadowed(position_m: vec3f, point: vec3f, normal: vec3f) -> f32 {
     let to_light = position_m - point;
-    let squared = dot(to_light, to_light);
-    return max(dot(normal, to_light), 0.0) / (squared * sqrt(squared));
+    let inverse = inverseSqrt(dot(to_light, to_light));
+    return max(dot(normal, to_light), 0.0) * inverse * inverse * inverse;
 }

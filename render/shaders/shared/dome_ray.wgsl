@@ -6,8 +6,6 @@
 // Word after word, each for all pixels.
 @group(0) @binding(5) var<storage, read_write> bits: array<u32>;
 
-// Pixels of a thread, one below the other: loading a light costs more than using it.
-const ROWS: u32 = 4u;
 // Lowest step over the surface in texels, and the number of steps of doubling height.
 const FIRST_STEP_TEXELS: f32 = 1.0;
 const STEPS: i32 = 6;
@@ -34,8 +32,9 @@ fn disk(pixel: vec2u, light: u32) -> vec2f {
     return radius * vec2f(cos(angle), sin(angle));
 }
 
-fn arrives(i: u32, light: DomeLight, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
-    if dot(normal, light.position_m.xyz - point) <= 0.0 {
+fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
+    let light = lights[i];
+    if light.intensity.w == 0.0 || dot(normal, light.position_m.xyz - point) <= 0.0 {
         return false;
     }
     let texel_m = light.depth.z;

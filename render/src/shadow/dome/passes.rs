@@ -267,7 +267,6 @@ impl Dome {
             }],
         );
         let tiles = [width.div_ceil(8), height.div_ceil(8), 1];
-        let tall_tiles = [width.div_ceil(8), height.div_ceil(16), 1];
         if !range.is_empty() {
             let layer = 4 * u64::from(self.map_size) * u64::from(self.map_size);
             let n = range.len() as u64;
@@ -276,11 +275,11 @@ impl Dome {
             let rows = groups.div_ceil(MAX_GROUPS).max(1);
             self.draw
                 .record(encoder, timer, "dome_maps", [groups.div_ceil(rows).max(1), rows, 1]);
-            let half = [width.div_ceil(16), height.div_ceil(32), 1];
+            let half = [width.div_ceil(16), height.div_ceil(16), 1];
             self.look.record(encoder, timer, "dome_visibility", half);
-            self.refine.record(encoder, timer, "dome_refine", tall_tiles);
+            self.refine.record(encoder, timer, "dome_refine", tiles);
         }
-        self.gather.record(encoder, timer, "dome_light", tall_tiles);
+        self.gather.record(encoder, timer, "dome_light", tiles);
         if self.mode == RayMode::Soft {
             self.filter.record(encoder, timer, "dome_filter", tiles);
         }

@@ -36,9 +36,14 @@ fn vertex(
 @fragment
 fn fragment(corner: Corner) -> Targets {
     let to_eye = view.eye_m.xyz - corner.place;
+    let across = cross(dpdx(corner.place), dpdy(corner.place));
     var normal = normalize(corner.normal);
+    if dot(normal, across) * dot(to_eye, across) < 0.0 {
+        // Seen from behind (an open mesh).
+        normal = -normal;
+    }
     if dot(normal, to_eye) < 0.0 {
-        // Seen from behind (an open mesh) or an interpolated normal turned away at the outline.
+        // An interpolated normal turned away at the outline.
         normal = normalize(normal - 1.01 * dot(normal, to_eye) / dot(to_eye, to_eye) * to_eye);
     }
     return Targets(

@@ -13,6 +13,8 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
+use mirrorball_render::shadow::planar::GpuProjection;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -96,7 +98,7 @@ fn every_shader_file_is_a_pass() {
         .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
         .collect();
     files.sort();
-    let mut passes = PASSES.map(|(name, _)| name.to_owned());
+    let mut passes: Vec<String> = PASSES.iter().map(|(name, _)| (*name).to_owned()).collect();
     passes.sort();
     assert_eq!(files, passes);
 }
@@ -248,4 +250,22 @@ fn harmonics_of_an_environment_start_where_the_irradiance_pass_writes_them() {
 fn the_last_specular_mip_is_the_roughest() {
     let line = format!("const LAST_SPECULAR_MIP: f32 = {}.0;", ENVIRONMENT_MIPS - 1);
     assert!(source("shade").contains(&line), "shade.wgsl lacks `{line}`");
+}
+
+#[test]
+fn structs_of_blobs_and_planar_shadows_have_one_layout() {
+    assert_same_layout!("shadow_blob", "Blobs", GpuBlobs { counts, blobs });
+    assert_same_layout!(
+        "shadow_blob",
+        "Blob",
+        GpuBlob {
+            center_m,
+            up,
+            across_x,
+            across_y,
+            fade,
+        }
+    );
+    assert!(source("shadow_blob").contains(&format!("array<Blob, {MAX_BLOBS}>")));
+    assert_same_layout!("shadow_planar", "Projection", GpuProjection { plane, light });
 }

@@ -198,6 +198,7 @@ impl Lab {
                     surface: &self.surface,
                     scene: &self.buffers,
                     casters: &self.casters,
+                    receivers: &self.casters,
                     light: frame.light,
                     light_buffer: &self.light_buffer,
                     visibility: &self.visibility_view,

@@ -1,4 +1,4 @@
-//! Things that cast shadows, on the GPU and in memory.
+//! Things that cast or receive shadows, on the GPU and in memory.
 
 use glam::{Affine3A, Vec3};
 
@@ -7,7 +7,7 @@ use crate::passes::shadow_map::{Sphere, enclosing};
 use crate::scene::{Mesh, Scene};
 use crate::scene_gpu::{IndexRange, SceneBuffers};
 
-/// A set of objects that cast shadows together: the real ones, or all.
+/// A set of objects that cast shadows together, or receive them: the real ones, or all.
 #[derive(Debug)]
 pub struct Casters {
     /// Their triangles in the scene's vertex buffer.

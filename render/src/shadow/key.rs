@@ -17,6 +17,8 @@ pub struct Job<'a> {
     pub scene: &'a SceneBuffers,
     /// What casts shadows.
     pub casters: &'a Casters,
+    /// What shadows fall on, for methods that need its geometry besides its pixels.
+    pub receivers: &'a Casters,
     /// The light.
     pub light: &'a ShadowLight,
     /// The same for the shaders, uniform ([`super::light::GpuShadowLight`]).

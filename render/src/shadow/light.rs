@@ -124,6 +124,16 @@ impl ShadowLight {
         }
     }
 
+    /// Its place, homogeneous: `(x, y, z, 1)`, the middle of a rectangle; `(x, y, z, 0)` towards a directional light.
+    #[must_use]
+    pub fn homogeneous(&self) -> Vec4 {
+        match *self {
+            Self::Point { position_m, .. } | Self::Spot { position_m, .. } => position_m.extend(1.0),
+            Self::Directional { towards, .. } => towards.extend(0.0),
+            Self::Rect { center_m, .. } => center_m.extend(1.0),
+        }
+    }
+
     /// The view from a place on the light (see [`ShadowLight::place_m`]) onto everything inside `bounds`.
     ///
     /// A light inside the sphere looks at its middle with at most 150 degrees.

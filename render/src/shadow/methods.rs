@@ -2,7 +2,11 @@
 
 use std::str::FromStr;
 
+use super::blob::BlobShadow;
+use super::haller::HallerShadow;
 use super::key::KeyShadow;
+use super::planar::PlanarShadow;
+use super::volume::{Counting, VolumeShadow};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 
@@ -160,8 +164,16 @@ impl ShadowMethod {
     /// # Errors
     /// [`RenderError::Shadow`] where this adapter cannot.
     pub fn key_shadow(self, gpu: &Gpu, map_size: u32) -> Result<Option<Box<dyn KeyShadow>>, RenderError> {
-        let _ = (gpu, map_size);
-        Ok(None)
+        let _ = map_size;
+        Ok(match self {
+            Self::Blob => Some(Box::new(BlobShadow::new(gpu))),
+            Self::Planar => Some(Box::new(PlanarShadow::new(gpu, PlanarShadow::HARD))),
+            Self::SoftPlanar => Some(Box::new(PlanarShadow::new(gpu, PlanarShadow::SOFT))),
+            Self::VolumeZPass => Some(Box::new(VolumeShadow::new(gpu, Counting::InFront))),
+            Self::VolumeZFail => Some(Box::new(VolumeShadow::new(gpu, Counting::Behind))),
+            Self::Haller => Some(Box::new(HallerShadow::new(gpu))),
+            _ => None,
+        })
     }
 }
 

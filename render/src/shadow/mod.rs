@@ -4,12 +4,20 @@
 //! A one-light method ([`key::KeyShadow`]) fills a picture with the share of one light that arrives; the rest of the light
 //! is ambient. Dome methods gather many lights over the sphere. [`ShadowMethod`] lists them all.
 
+pub mod blob;
 pub mod casters;
 pub mod dome;
+pub mod haller;
 pub mod key;
 pub mod light;
 mod methods;
+pub mod planar;
+pub mod planes;
+pub mod silhouette;
+pub mod stencil;
 pub mod surface;
 pub mod view;
+pub mod volume;
+pub mod volume_mesh;
 
 pub use methods::{Family, ShadowMethod};

@@ -52,6 +52,12 @@ impl View {
         }
     }
 
+    /// Unit direction of view, world.
+    #[must_use]
+    pub fn forward(&self) -> Vec3 {
+        -self.camera_from_world.row(2).truncate()
+    }
+
     /// World to clip coordinates: x right, y up, depth 0 at the near plane and 1 at infinity.
     #[must_use]
     pub fn clip_from_world(&self) -> Mat4 {

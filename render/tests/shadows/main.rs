@@ -5,4 +5,7 @@
 mod blocks;
 mod dome;
 mod lab;
+mod planar;
+mod rays;
 mod show;
+mod volumes;

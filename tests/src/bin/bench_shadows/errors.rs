@@ -1,31 +1,38 @@
 //! Error of every method against the two references: one light from 1024 places over the same ambient light, and paths.
 
-use crate::{gallery::Gallery, report::Report, stand::Painted};
+use crate::{gallery::Gallery, report::Report};
 use image::RgbImage;
-use mirrorball_render::{error::RenderError, shadow::ShadowMethod};
+use mirrorball_render::{error::RenderError, lab::lamp::LampKind, shadow::ShadowMethod};
 use mirrorball_tests::{flip::FlipMap, psnr::Psnr};
 
 /// A pixel is in shadow where the reference is darker than the picture without shadows by more than this many codes.
 const SHADOW_CODES: u8 = 2;
 
 /// Prints the table.
-pub(crate) fn run(gallery: &Gallery, report: &mut Report) -> Result<(), RenderError> {
+pub(crate) fn run(gallery: &Gallery, lamp: LampKind, report: &mut Report) -> Result<(), RenderError> {
     report.table(
-        "Error, test scene, rectangle lamp and even ambient light: sRGB codes of all surfaces; in brackets where the \
-         reference has shadow",
+        &format!(
+            "Error, test scene, {} light and even ambient light: sRGB codes of all surfaces; in brackets where the \
+             reference has shadow",
+            lamp.name()
+        ),
         &["method", "area: PSNR, dB", "area: FLIP", "path: PSNR, dB", "path: FLIP"],
     );
     let unshadowed = found(gallery, ShadowMethod::None);
     let references = [ShadowMethod::Area, ShadowMethod::PathTraced].map(|method| (method, found(gallery, method)));
     for (method, painted) in gallery {
         let mut cells = vec![method.name().to_owned()];
-        for (reference_method, reference) in references {
-            cells.extend(match (painted, reference) {
-                (Err(why), _) => [why.clone(), "–".to_owned()],
-                (_, None) => ["no reference".to_owned(), "–".to_owned()],
-                (Ok(_), _) if *method == reference_method => ["reference".to_owned(), "–".to_owned()],
-                (Ok((picture, _)), Some(reference)) => compare(picture, reference, unshadowed),
-            });
+        match painted {
+            Ok((picture, _)) => {
+                for (reference_method, reference) in references {
+                    cells.extend(match reference {
+                        _ if *method == reference_method => ["reference".to_owned(), "–".to_owned()],
+                        None => ["no reference".to_owned(), "–".to_owned()],
+                        Some(reference) => compare(picture, reference, unshadowed),
+                    });
+                }
+            }
+            Err(why) => cells.extend([why.clone(), "–".to_owned(), "–".to_owned(), "–".to_owned()]),
         }
         report.row(&cells);
     }
@@ -33,11 +40,8 @@ pub(crate) fn run(gallery: &Gallery, report: &mut Report) -> Result<(), RenderEr
 }
 
 fn found(gallery: &Gallery, wanted: ShadowMethod) -> Option<&(RgbImage, Vec<bool>)> {
-    let of = |painted: &'_ Painted| painted.is_ok();
-    gallery
-        .iter()
-        .find(|(method, painted)| *method == wanted && of(painted))
-        .and_then(|(_, painted)| painted.as_ref().ok())
+    let (_, painted) = gallery.iter().find(|(method, _)| *method == wanted)?;
+    painted.as_ref().ok()
 }
 
 fn compare(

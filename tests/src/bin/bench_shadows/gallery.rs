@@ -5,7 +5,11 @@ use crate::{
     stand::{Effort, Painted, Stand, Way},
 };
 use image::{Rgb, RgbImage};
-use mirrorball_render::{error::RenderError, lab::scenes::MovingScene, shadow::ShadowMethod};
+use mirrorball_render::{
+    error::RenderError,
+    lab::{lamp::LampKind, scenes::MovingScene},
+    shadow::ShadowMethod,
+};
 use mirrorball_tests::sheet::{self, Row};
 
 /// Pictures in a row of the sheet.
@@ -14,9 +18,9 @@ const COLUMNS: usize = 4;
 /// All methods with their pictures.
 pub(crate) type Gallery = Vec<(ShadowMethod, Painted)>;
 
-/// Draws all pictures, under the rectangle lamp.
-pub(crate) fn paint(effort: &Effort) -> Result<Gallery, RenderError> {
-    let mut stand = Stand::new(MovingScene::test(0), effort.picture_px([640, 480]))?;
+/// Draws all pictures under a lamp.
+pub(crate) fn paint(effort: &Effort, lamp: LampKind) -> Result<Gallery, RenderError> {
+    let mut stand = Stand::new(MovingScene::test(0), effort.picture_px([640, 480]))?.with_lamp(lamp);
     let mut gallery = Gallery::new();
     for method in ShadowMethod::ALL {
         gallery.push((method, stand.paint(Way::new(method, effort.map_size(2048)))?));

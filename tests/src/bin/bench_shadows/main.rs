@@ -13,7 +13,7 @@ mod stand;
 mod volumes;
 
 use clap::{Parser, ValueEnum};
-use mirrorball_render::{cli, error::RenderError};
+use mirrorball_render::{cli, error::RenderError, lab::lamp::LampKind};
 use report::Report;
 use stand::Effort;
 use std::{path::PathBuf, process::ExitCode};
@@ -73,13 +73,17 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     if is_wanted(Part::Growth) {
         growth::run(&effort, &mut report)?;
     }
-    if is_wanted(Part::Errors) || is_wanted(Part::Sheet) {
-        let gallery = gallery::paint(&effort)?;
-        if is_wanted(Part::Errors) {
-            errors::run(&gallery, &mut report)?;
-        }
-        if is_wanted(Part::Sheet) {
-            gallery::sheet(&gallery, &mut report)?;
+    // Domes take all light as infinitely far away, so that they are measured under a light of that kind as well.
+    let lamps = [(LampKind::Rect, is_wanted(Part::Sheet)), (LampKind::Directional, false)];
+    for (lamp, is_for_sheet) in lamps {
+        if is_for_sheet || is_wanted(Part::Errors) {
+            let gallery = gallery::paint(&effort, lamp)?;
+            if is_wanted(Part::Errors) {
+                errors::run(&gallery, lamp, &mut report)?;
+            }
+            if is_for_sheet {
+                gallery::sheet(&gallery, &mut report)?;
+            }
         }
     }
     report.finish()

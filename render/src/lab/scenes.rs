@@ -266,7 +266,7 @@ fn element(index: usize, radius_m: f32, fineness: Fineness) -> Mesh {
         (1, Fineness::Fine) => Solid::torus([0.7 * radius_m, 0.3 * radius_m], [29, 23], color),
         (_, Fineness::Coarse) => Solid::rounded_box((half_m, 0.3 * radius_m), BoxSteps { flat: 1, round: 2 }, color),
         (_, Fineness::Fine) => {
-            let flat = if index % 2 == 0 { 4 } else { 5 };
+            let flat = if index.is_multiple_of(2) { 4 } else { 5 };
             Solid::rounded_box((half_m, 0.3 * radius_m), BoxSteps { flat, round: 3 }, color)
         }
     };

@@ -18,11 +18,12 @@
 //! pixel centres at integers; metres, seconds, radians. Radiance is linear, in the rig's common RGB, from the probe to the
 //! composite pass, which encodes it once with the camera's own response.
 //!
-//! Invariants: nothing here reads a truth folder; only `main.rs`, `scene`, `config` and `output` touch files; a recording
+//! Invariants: nothing here reads a truth folder; only the programs, `scene`, `config` and `output` touch files; a recording
 //! replayed twice gives the same poses bit for bit.
 
 pub mod app;
 pub mod ball_place;
+pub mod cli;
 pub mod config;
 pub mod environment_in;
 pub mod environments;

@@ -1,6 +1,5 @@
 //! `mirrorball-render`: puts virtual objects into recorded or live frames.
 
-use std::error::Error;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -13,6 +12,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::{BadFramePolicy, handover};
 use mirrorball_render::app::{App, Frames, Input, Step};
+use mirrorball_render::cli;
 use mirrorball_render::config::RenderConfig;
 use mirrorball_render::environment_in;
 use mirrorball_render::error::RenderError;
@@ -89,19 +89,8 @@ struct OutputArguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let filter =
-        tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn,mirrorball=info".into());
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .init();
-    match run(&arguments) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            report(&error);
-            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
-        }
-    }
+    cli::start_log();
+    cli::exit_code(&run(&arguments))
 }
 
 fn run(arguments: &Arguments) -> Result<(), RenderError> {
@@ -235,17 +224,4 @@ fn stop_flag() -> Result<Arc<AtomicBool>, RenderError> {
         signal_hook::flag::register(signal, stop.clone()).map_err(|source| RenderError::Signals { source })?;
     }
     Ok(stop)
-}
-
-/// Prints an error with its causes and at most one hint.
-fn report(error: &RenderError) {
-    eprintln!("error: {error}");
-    let mut cause = error.source();
-    while let Some(inner) = cause {
-        eprintln!("  caused by: {inner}");
-        cause = inner.source();
-    }
-    if let Some(hint) = error.hint() {
-        eprintln!("  hint: {hint}");
-    }
 }

@@ -3,7 +3,8 @@
 //! `score` compares an output folder with a truth folder, `probe-table` the light of several, `sheet` lays camera,
 //! composite and reference side by side.
 //! They only read; nothing here tracks or calibrates, so no error is shared with what is measured. That holds for
-//! [`simulation`] as well, which makes pictures of the probe for tests.
+//! [`simulation`] as well, which makes pictures of the probe for tests. The program `bench-shadows` alone runs the
+//! render node's own code: it measures that.
 //!
 //! Conventions are those of the file formats: world is the main marker's frame, x right and y up as printed, z out of
 //! the paper; a camera looks along +z with x right and y down; metres; environment maps are equirectangular with row 0
@@ -30,6 +31,7 @@ pub mod label;
 pub mod lamp_distance;
 pub mod outputs;
 pub mod picture;
+pub mod plot;
 pub mod pose_error;
 pub mod preview;
 pub mod probe_table;

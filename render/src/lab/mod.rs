@@ -2,8 +2,15 @@
 //! everywhere, and any shadow method.
 
 mod dome_lights;
+pub mod lamp;
+pub mod meshes;
 mod paths;
+pub mod scenes;
 pub mod shading;
+pub mod show;
+pub mod tone;
+pub mod toys;
+pub mod window;
 
 use glam::{Affine3A, Vec3, Vec4};
 

@@ -2,6 +2,7 @@
 
 pub mod environment;
 pub mod file;
+pub mod screen;
 pub mod window;
 
 use crate::error::RenderError;

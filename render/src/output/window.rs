@@ -1,20 +1,18 @@
 //! A live window: the picture, and in its title frame rate, latency from frame set to picture, and marker state. Escape quits, S goes to the
 //! next shadow method.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, KeyEvent, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::{Key, NamedKey};
-use winit::window::{Window, WindowId};
+use winit::window::WindowId;
 
 use crate::app::{App, Step};
 use crate::error::RenderError;
-use crate::gpu::pass::TextureShape;
-use crate::gpu::{Gpu, shader};
 use crate::node::RenderedFrame;
+use crate::output::screen::{Screen, failed};
 use crate::shadow::ShadowMethod;
 use crate::tracker::TrackedPose;
 
@@ -39,16 +37,10 @@ pub fn run(app: &mut App, should_stop: &dyn Fn() -> bool) -> Result<(), RenderEr
     viewer.result
 }
 
-fn failed(error: &dyn std::error::Error) -> RenderError {
-    RenderError::Window {
-        message: error.to_string(),
-    }
-}
-
 struct Viewer<'a> {
     app: &'a mut App,
     should_stop: &'a dyn Fn() -> bool,
-    shown: Option<Shown>,
+    shown: Option<Screen>,
     rate: Rate,
     result: Result<(), RenderError>,
 }
@@ -56,7 +48,7 @@ struct Viewer<'a> {
 impl ApplicationHandler for Viewer<'_> {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.shown.is_none() {
-            match Shown::open(event_loop, self.app.node().gpu()) {
+            match Screen::open(event_loop, self.app.node().gpu()) {
                 Ok(shown) => self.shown = Some(shown),
                 Err(error) => self.stop(event_loop, Err(error)),
             }
@@ -103,8 +95,8 @@ impl ApplicationHandler for Viewer<'_> {
             Ok(Step::Rendered(frame)) => {
                 if let Some(shown) = &mut self.shown {
                     let method = self.app.node().shadow_method();
-                    let title = format!("{}, shadows: {}", self.rate.title(&frame), method.name());
-                    let result = shown.show(self.app.node().gpu(), &frame, &title);
+                    shown.set_title(&format!("{}, shadows: {}", self.rate.title(&frame), method.name()));
+                    let result = shown.show(self.app.node().gpu(), frame.size_px, &frame.rgba);
                     if let Err(error) = result {
                         self.stop(event_loop, Err(error));
                     }
@@ -113,7 +105,7 @@ impl ApplicationHandler for Viewer<'_> {
             Ok(Step::Skipped) => {}
             Ok(Step::Waiting) => {
                 if let Some(shown) = self.shown.as_ref().filter(|_| self.rate.has_paused()) {
-                    shown.window.set_title("mirrorball: waiting for frames");
+                    shown.set_title("mirrorball: waiting for frames");
                 }
             }
             Ok(Step::Ended) => self.stop(event_loop, Ok(())),
@@ -196,149 +188,4 @@ impl Rate {
         };
         format!("mirrorball: {fps:.1} frames/s, {latency_ms:.0} ms, {markers}")
     }
-}
-
-/// An open window with its surface.
-struct Shown {
-    window: Arc<Window>,
-    surface: wgpu::Surface<'static>,
-    config: wgpu::SurfaceConfiguration,
-    pipeline: wgpu::RenderPipeline,
-    picture: Option<(wgpu::Texture, wgpu::BindGroup)>,
-}
-
-impl Shown {
-    fn open(event_loop: &ActiveEventLoop, gpu: &Gpu) -> Result<Self, RenderError> {
-        let attributes = Window::default_attributes().with_title("mirrorball");
-        let window = Arc::new(event_loop.create_window(attributes).map_err(|e| failed(&e))?);
-        let surface = gpu.instance.create_surface(window.clone()).map_err(|e| failed(&e))?;
-        let size = window.inner_size();
-        let mut config = surface
-            .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
-            .ok_or_else(|| RenderError::Window {
-                message: format!("`{}` cannot draw to this display", gpu.name),
-            })?;
-        // Codes are shown as they are: a format without its own encoding.
-        config.format = config.format.remove_srgb_suffix();
-        surface.configure(&gpu.device, &config);
-        Ok(Self {
-            pipeline: pipeline(gpu, config.format),
-            window,
-            surface,
-            config,
-            picture: None,
-        })
-    }
-
-    fn resize(&mut self, gpu: &Gpu, size_px: [u32; 2]) {
-        self.config.width = size_px[0].max(1);
-        self.config.height = size_px[1].max(1);
-        self.surface.configure(&gpu.device, &self.config);
-    }
-
-    fn show(&mut self, gpu: &Gpu, frame: &RenderedFrame, title: &str) -> Result<(), RenderError> {
-        use wgpu::CurrentSurfaceTexture as Current;
-        self.window.set_title(title);
-        let (texture, bindings) = self.picture.get_or_insert_with(|| {
-            let [width, height] = frame.size_px;
-            // The window takes the picture's size; a refusal leaves the picture scaled.
-            let _ = self
-                .window
-                .request_inner_size(winit::dpi::PhysicalSize::new(width, height));
-            picture(gpu, &self.pipeline, frame.size_px)
-        });
-        upload(gpu, texture, frame);
-        let target = match self.surface.get_current_texture() {
-            Current::Success(target) | Current::Suboptimal(target) => target,
-            Current::Timeout | Current::Occluded => return Ok(()),
-            Current::Outdated => {
-                self.surface.configure(&gpu.device, &self.config);
-                return Ok(());
-            }
-            Current::Lost | Current::Validation => {
-                return Err(RenderError::Window {
-                    message: "the window's surface was lost".into(),
-                });
-            }
-        };
-        let view = target.texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let mut encoder = gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("present") });
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("present"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations::default(),
-                })],
-                ..wgpu::RenderPassDescriptor::default()
-            });
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &*bindings, &[]);
-            pass.draw(0..3, 0..1);
-        }
-        gpu.queue.submit([encoder.finish()]);
-        gpu.queue.present(target);
-        Ok(())
-    }
-}
-
-fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
-    let module = shader::module(&gpu.device, "present");
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("present"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("fragment"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
-}
-
-fn picture(gpu: &Gpu, pipeline: &wgpu::RenderPipeline, size_px: [u32; 2]) -> (wgpu::Texture, wgpu::BindGroup) {
-    let texture = gpu.texture(
-        "present: picture",
-        TextureShape::plain(size_px),
-        wgpu::TextureFormat::Rgba8Unorm,
-    );
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    let sampler = gpu.linear_sampler();
-    let bindings = gpu.bind(
-        "present",
-        &pipeline.get_bind_group_layout(0),
-        &[
-            wgpu::BindingResource::TextureView(&view),
-            wgpu::BindingResource::Sampler(&sampler),
-        ],
-    );
-    (texture, bindings)
-}
-
-fn upload(gpu: &Gpu, texture: &wgpu::Texture, frame: &RenderedFrame) {
-    gpu.queue.write_texture(
-        texture.as_image_copy(),
-        &frame.rgba,
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(4 * frame.size_px[0]),
-            rows_per_image: None,
-        },
-        texture.size(),
-    );
 }

@@ -15,6 +15,7 @@ mod path_surfaces;
 mod penumbra;
 mod planar;
 mod rays;
+mod show;
 mod truth;
 mod volumes;
 mod wedges;

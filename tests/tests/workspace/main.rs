@@ -6,6 +6,7 @@ mod configs;
 mod end_to_end;
 mod light;
 mod light_bad_input;
+mod shadows;
 mod simulated;
 mod support;
 mod two_processes;

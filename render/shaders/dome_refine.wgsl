@@ -68,9 +68,8 @@ fn main(
             let shown = select(vec4u(0xffffffffu), there, is_alike_at);
             let some = (seen.x | seen.y | seen.z | seen.w) & refreshed;
             mask = shown.x & shown.y & shown.z & shown.w & refreshed;
-            // One neighbour alone could be across a shadow's edge; and a bright light's penumbra wants every ray.
-            let bright = frame.bright[word >> 2u][word & 3u] & refreshed;
-            atomicOr(&undecided, select(refreshed, (some & ~mask) | bright, n_alike > 1u));
+            // One neighbour alone could be across a shadow's edge.
+            atomicOr(&undecided, select(refreshed, some & ~mask, n_alike > 1u));
         }
         workgroupBarrier();
         if local == 0u {
@@ -97,4 +96,30 @@ fn main(
         }
         first = end;
     }
+    if place.w == 0.0 {
+        return;
+    }
+    let from_word = counts_word() * n_pixels;
+    let there = vec4u(
+        bits[from_word + corners.x],
+        bits[from_word + corners.y],
+        bits[from_word + corners.z],
+        bits[from_word + corners.w],
+    );
+    var counts = bits[from_word + at.y * size.x + at.x];
+    for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
+        let bright = bright_light(slot);
+        if bright < frame.counts.z || bright >= frame.counts.w {
+            continue;
+        }
+        let found = (there >> vec4u(4u * slot)) & vec4u(15u);
+        let all_lit = all(!is_alike_at | (found == vec4u(RAYS)));
+        let all_dark = all(!is_alike_at | (found == vec4u(0u)));
+        var count = select(0u, RAYS, all_lit);
+        if n_alike < 2u || !(all_lit || all_dark) {
+            count = count_arriving(bright, place.xyz, normal, at);
+        }
+        counts = insertBits(counts, count, 4u * slot, 4u);
+    }
+    bits[from_word + at.y * size.x + at.x] = counts;
 }

@@ -1,5 +1,5 @@
-// One bit per light for every second pixel of every second row: whether the pixel's ray to the light arrives. Only the
-// refreshed lights' bits change. `dome_refine` does the pixels between.
+// One bit per light for every second pixel of every second row: whether the pixel's ray to the light arrives; and for bright
+// lights, how many of several rays. Only the refreshed lights' bits change. `dome_refine` does the pixels between.
 
 #import dome
 
@@ -35,5 +35,13 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
             i++;
         }
         bits[word * n_pixels + pixel] = mask;
+    }
+    let at_counts = counts_word() * n_pixels + pixel;
+    for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
+        let bright = bright_light(slot);
+        if bright >= frame.counts.z && bright < frame.counts.w {
+            let count = count_arriving(bright, place.xyz, normal, at);
+            bits[at_counts] = insertBits(bits[at_counts], count, 4u * slot, 4u);
+        }
     }
 }

@@ -16,9 +16,14 @@ struct Frame {
     counts: vec4u,
     sizes: vec4u,
     unshaded: vec4f,
-    // A bit per light: those whose shadows show.
+    // The lights whose penumbrae show, by their indices; NO_LIGHT beyond the last.
     bright: array<vec4u, 2>,
 }
+
+// Rays that a pixel sends to a bright light, and places for such lights.
+const RAYS: u32 = 15u;
+const BRIGHT_MAX: u32 = 8u;
+const NO_LIGHT: u32 = 0xffffffffu;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 // Uniform, not storage: software drivers read storage one lane at a time.
@@ -29,4 +34,19 @@ fn unshadowed(position_m: vec3f, point: vec3f, normal: vec3f) -> f32 {
     let to_light = position_m - point;
     let inverse = inverseSqrt(dot(to_light, to_light));
     return max(dot(normal, to_light), 0.0) * inverse * inverse * inverse;
+}
+
+// Index of a bright light.
+fn bright_light(slot: u32) -> u32 {
+    return frame.bright[slot >> 2u][slot & 3u];
+}
+
+// The word in which a bright light's rays are counted, four bits each, follows those of the bits.
+fn counts_word() -> u32 {
+    return (frame.counts.x + 31u) / 32u;
+}
+
+// Whether a light's rays are counted, so that its bit stays 0.
+fn is_bright(i: u32) -> bool {
+    return any(frame.bright[0] == vec4u(i)) || any(frame.bright[1] == vec4u(i));
 }

@@ -33,49 +33,51 @@ fn rank_in_tile(pixel: vec2u) -> u32 {
     return ((mixed & 1u) << 3u) | ((y & 1u) << 2u) | (mixed & 2u) | ((y & 2u) >> 1u);
 }
 
-// A place on the unit disk for each of the 16 pixels of a tile, turned from light to light (Vogel 1979's spiral).
-fn disk(rank: u32, light: u32) -> vec2f {
-    let radius = sqrt((f32(rank) + 0.5) / 16.0);
-    let angle = 2.3999632 * f32(rank) + 1.7 * f32(light);
+// Place number `index` of `n` on the unit disk, turned from light to light (Vogel 1979's spiral).
+fn disk(index: u32, n: u32, light: u32) -> vec2f {
+    let radius = sqrt((f32(index) + 0.5) / f32(n));
+    let angle = 2.3999632 * f32(index) + 1.7 * f32(light);
     return radius * vec2f(cos(angle), sin(angle));
 }
 
-// A place in a texel for each of the 16, so that together they look at all of it: texels do not show at edges.
+// A place in a texel for each of 16 pixels, so that together they look at all of it: texels do not show at edges.
 fn in_texel(rank: u32) -> vec2f {
     let turned = (rank * 7u) & 15u;
     return (vec2f(f32(turned & 3u), f32(turned >> 2u)) - 1.5) / 4.0;
 }
 
-fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
-    let light = lights[i];
+// A place as a light's map sees it.
+struct Seen {
+    // In texels.
+    at: vec2f,
+    // Depth along the light's view, metres; 0 for a place that the light does not reach or that turns away.
+    z: f32,
+    // Texels that a ray to the light's edge moves sideways per metre of height.
+    reach: f32,
+}
+
+fn seen_by(light: DomeLight, point: vec3f, normal: vec3f) -> Seen {
     if light.intensity.w == 0.0 || dot(normal, light.position_m.xyz - point) <= 0.0 {
-        return false;
+        return Seen(vec2f(0.0), 0.0, 0.0);
     }
-    let texel_m = light.depth.z;
-    let lifted = vec4f(point + normal * (1.5 * texel_m), 1.0);
-    let z = dot(light.forward, lifted);
-    if z <= 0.0 {
-        return true;
-    }
+    let lifted = vec4f(point + normal * (1.5 * light.depth.z), 1.0);
+    let z = max(dot(light.forward, lifted), 0.0);
     let half_size = 0.5 * f32(frame.counts.y);
-    let at = vec2f(dot(light.right, lifted), -dot(light.up, lifted)) * (half_size / z) + half_size;
-    if frame.sizes.w == 0u {
-        return stored(i, at) <= light.depth.x - light.depth.y / z;
-    }
-    // Texels that the ray moves sideways per metre of height.
-    let rank = rank_in_tile(pixel);
-    let from_texel = at + in_texel(rank);
-    let sideways = disk(rank, i) * (light.position_m.w * half_size / (light.depth.w * z));
-    // The steps' heights differ from pixel to pixel, so that their bounds do not show.
-    let jitter = fract(0.618034 * f32(rank) + 0.37 * f32(i));
+    let at = vec2f(dot(light.right, lifted), -dot(light.up, lifted)) * (half_size / max(z, 1e-6)) + half_size;
+    return Seen(at, z, light.position_m.w * half_size / (light.depth.w * max(z, 1e-6)));
+}
+
+// Whether a ray arrives at a place on the light, through the light's map taken as a relief: in steps of growing height, what
+// the map shows there stands in the way if its height is that of the step.
+fn ray_arrives(i: u32, light: DomeLight, seen: Seen, from_texel: vec2f, sideways: vec2f, jitter: f32) -> bool {
     var low = 0.0;
-    var high = FIRST_STEP_TEXELS * texel_m * exp2(LOG2_GROWTH * jitter);
+    var high = FIRST_STEP_TEXELS * light.depth.z * exp2(LOG2_GROWTH * jitter);
     for (var step = 0; step < STEPS; step++) {
         // The geometric mean of the step's bounds; the first has none below.
         let middle = select(0.632, 0.5, step == 0) * high;
         let depth = stored(i, from_texel + sideways * middle);
         // Height of what the map shows over the point, along the light's view.
-        let height = z - light.depth.y / (light.depth.x - depth);
+        let height = seen.z - light.depth.y / (light.depth.x - depth);
         if depth > 0.0 && height > low / OVERLAP && (height <= high * OVERLAP || step == STEPS - 1) {
             return false;
         }
@@ -83,4 +85,43 @@ fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
         high *= GROWTH;
     }
     return true;
+}
+
+// Whether the pixel's one ray to a light arrives; false for a bright light, whose rays are counted elsewhere.
+fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
+    if is_bright(i) {
+        return false;
+    }
+    let light = lights[i];
+    let seen = seen_by(light, point, normal);
+    if seen.z == 0.0 {
+        return false;
+    }
+    if frame.sizes.w == 0u {
+        return stored(i, seen.at) <= light.depth.x - light.depth.y / seen.z;
+    }
+    let rank = rank_in_tile(pixel);
+    // The steps' heights differ from pixel to pixel, so that their bounds do not show.
+    let jitter = fract(0.618034 * f32(rank) + 0.37 * f32(i));
+    return ray_arrives(i, light, seen, seen.at + in_texel(rank), disk(rank, 16u, i) * seen.reach, jitter);
+}
+
+// How many of the pixel's rays to a bright light arrive, 0 to RAYS.
+fn count_arriving(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> u32 {
+    let light = lights[i];
+    let seen = seen_by(light, point, normal);
+    if seen.z == 0.0 {
+        return 0u;
+    }
+    let rank = rank_in_tile(pixel);
+    var count = 0u;
+    for (var ray = 0u; ray < RAYS; ray++) {
+        let index = rank + 16u * ray;
+        let jitter = fract(0.618034 * f32(index));
+        let from_texel = seen.at + in_texel(index + ray);
+        if ray_arrives(i, light, seen, from_texel, disk(index, 16u * RAYS, i) * seen.reach, jitter) {
+            count++;
+        }
+    }
+    return count;
 }

@@ -97,8 +97,8 @@ impl DomeShadows {
             };
             maps.record(gpu, encoder, timer, &job);
         }
-        for (sights, gather) in self.sights.iter().zip(&self.gathers) {
-            for (sight, maps) in sights.iter().zip(&self.maps) {
+        for (sights, gather) in self.sights.iter_mut().zip(&self.gathers) {
+            for (sight, maps) in sights.iter_mut().zip(&self.maps) {
                 sight.record(gpu, encoder, timer, (maps, 0..maps.n_shown() as usize));
             }
             gather.record(

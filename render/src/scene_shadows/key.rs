@@ -17,7 +17,7 @@ use crate::gpu::timer::Timer;
 use crate::passes::shadow_map::{Sphere, basis};
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::casters::Casters;
-use crate::shadow::dome::{DomeLight, GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS, Step};
+use crate::shadow::dome::{DomeLight, GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS, NONE_BRIGHT, Step};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::{GpuShadowLight, ShadowLight};
 use crate::shadow::surface::{Surface, SurfacePass};
@@ -235,7 +235,7 @@ impl KeyShadows {
                 counts: [others.len() as u32, 0, 0, 0],
                 sizes: [0, width, height, 0],
                 unshaded: Vec3::ZERO.extend(0.0),
-                bright: [[0; 4]; 2],
+                bright: NONE_BRIGHT,
             }],
         );
         let view = pinhole(&self.camera, frame.camera_from_world, self.size_px);

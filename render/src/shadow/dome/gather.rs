@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use glam::Vec3;
 
-use super::maps::{DomeMaps, GpuDomeFrame};
+use super::maps::{DomeMaps, GpuDomeFrame, NONE_BRIGHT};
 use super::sight::{DomeSight, RayMode};
 use super::step::Step;
 use crate::gpu::Gpu;
@@ -116,7 +116,11 @@ impl DomeGather {
                 counts: [maps.n_shown(), maps.map_size(), 0, 0],
                 sizes: [0, width, height, 0],
                 unshaded: unshaded.extend(f32::from(from == Unshaded::Above)),
-                bright: maps.bright(),
+                bright: if self.filters.is_empty() {
+                    NONE_BRIGHT
+                } else {
+                    maps.bright()
+                },
             }],
         );
         let tiles = [width.div_ceil(8), height.div_ceil(8), 1];

@@ -18,6 +18,11 @@ use mirrorball_calib::probe::radiance::luminance;
 /// Workgroups along one axis that every adapter takes.
 const MAX_GROUPS: u32 = 65_535;
 
+/// No light, where an index is expected.
+pub const NO_LIGHT: u32 = u32::MAX;
+/// No bright lights.
+pub(crate) const NONE_BRIGHT: [[u32; 4]; 2] = [[NO_LIGHT; 4]; 2];
+
 /// What all threads of a pass share (`Frame` in `shared/dome.wgsl`).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -28,7 +33,7 @@ pub struct GpuDomeFrame {
     pub sizes: [u32; 4],
     /// xyz: irradiance that nothing shades; w: 1 when it comes from above alone, 0 when from everywhere.
     pub unshaded: Vec4,
-    /// A bit per light, 32 in a word: those that give so much of the light that their penumbrae show.
+    /// Indices of the lights that give so much of the light that their penumbrae show; [`NO_LIGHT`] beyond the last.
     pub bright: [[u32; 4]; 2],
 }
 
@@ -113,7 +118,7 @@ impl DomeMaps {
             lights,
             maps,
             n_shown: 0,
-            bright: [[0; 4]; 2],
+            bright: NONE_BRIGHT,
         })
     }
 
@@ -142,7 +147,8 @@ impl DomeMaps {
         self.n_shown
     }
 
-    /// Which lights of the last picture give so much of the light that their penumbrae show, a bit each, 32 in a word.
+    /// Indices of the last picture's lights that give so much of the light that their penumbrae show, the brightest first;
+    /// [`NO_LIGHT`] beyond the last.
     #[must_use]
     pub fn bright(&self) -> [[u32; 4]; 2] {
         self.bright
@@ -191,7 +197,7 @@ impl DomeMaps {
                 counts: [self.n_shown, self.map_size, range.start as u32, range.end as u32],
                 sizes: [self.casters.n_triangles, 0, 0, 0],
                 unshaded: Vec4::ZERO,
-                bright: [[0; 4]; 2],
+                bright: NONE_BRIGHT,
             }],
         );
         let layer_bytes = 4 * u64::from(self.map_size) * u64::from(self.map_size);
@@ -231,18 +237,21 @@ impl DomeMaps {
     }
 }
 
-/// The lights that give at least a fortieth of what arrives at a place.
+/// The lights that give at least a twentieth of what arrives at a place, eight at most.
 fn bright(lights: &[DomeLight], at_m: Vec3) -> [[u32; 4]; 2] {
-    const SHARE: f32 = 0.025;
+    const SHARE: f32 = 0.05;
     let arriving = |l: &DomeLight| luminance(l.intensity) / l.position_m.distance_squared(at_m).max(1e-6);
     let total: f32 = lights.iter().map(arriving).sum();
-    let mut bits = [[0; 4]; 2];
-    for (index, light) in lights.iter().enumerate().take(MAX_DOME_LIGHTS) {
-        if arriving(light) > SHARE * total {
-            bits[index / 128][index / 32 % 4] |= 1 << (index % 32);
-        }
+    let mut found: Vec<(u32, f32)> = (0..)
+        .zip(lights.iter().map(arriving))
+        .filter(|(_, brightness)| *brightness > SHARE * total)
+        .collect();
+    found.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut bright = NONE_BRIGHT;
+    for (place, (index, _)) in bright.as_flattened_mut().iter_mut().zip(found) {
+        *place = index;
     }
-    bits
+    bright
 }
 
 #[cfg(test)]
@@ -259,7 +268,9 @@ mod tests {
         let mut lights = vec![light(1.0); 140];
         lights[37] = light(30.0);
         lights[130] = light(40.0);
-        assert_eq!(bright(&lights, Vec3::ZERO), [[0, 1 << 5, 0, 0], [1 << 2, 0, 0, 0]]);
-        assert_eq!(bright(&[], Vec3::ZERO), [[0; 4]; 2]);
+        let mut expected = NONE_BRIGHT;
+        (expected[0][0], expected[0][1]) = (130, 37);
+        assert_eq!(bright(&lights, Vec3::ZERO), expected);
+        assert_eq!(bright(&[], Vec3::ZERO), NONE_BRIGHT);
     }
 }

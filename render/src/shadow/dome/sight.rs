@@ -5,7 +5,7 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 use glam::Vec4;
 
-use super::maps::{DomeMaps, GpuDomeFrame};
+use super::maps::{DomeMaps, GpuDomeFrame, NONE_BRIGHT};
 use super::step::Step;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
@@ -35,6 +35,8 @@ pub struct DomeSight {
     refine: Step,
     /// Word after word, each for all pixels, rows from the top.
     pub(super) bits: wgpu::Buffer,
+    /// The bright lights whose rays the last word counts.
+    bright: [[u32; 4]; 2],
 }
 
 impl DomeSight {
@@ -44,7 +46,8 @@ impl DomeSight {
     /// [`RenderError::TooLarge`] for more lights and pixels than the adapter takes.
     pub fn new(gpu: &Gpu, surface: SurfaceViews<'_>, maps: &DomeMaps, mode: RayMode) -> Result<Self, RenderError> {
         let [width, height] = surface.size_px.map(u64::from);
-        let bytes = 4 * width * height * u64::from(maps.n_lights().max(1).div_ceil(WORD_BITS));
+        // One more word counts the rays of bright lights.
+        let bytes = 4 * width * height * u64::from(maps.n_lights().max(1).div_ceil(WORD_BITS) + 1);
         gpu.within(
             "the dome's visibility in bytes",
             bytes,
@@ -67,17 +70,29 @@ impl DomeSight {
             refine: Step::new(gpu, "dome_refine", &resources),
             frame,
             bits,
+            bright: NONE_BRIGHT,
         })
     }
 
     /// Looks towards the lights in `range`; the bits of others stay.
     pub fn record(
-        &self,
+        &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         (maps, range): (&DomeMaps, Range<usize>),
     ) {
+        let bright = match self.mode {
+            RayMode::Hard => NONE_BRIGHT,
+            RayMode::Soft => maps.bright(),
+        };
+        // Counts of other lights lie in the places of the bright ones.
+        let range = if bright == self.bright {
+            range
+        } else {
+            0..maps.n_shown() as usize
+        };
+        self.bright = bright;
         if range.is_empty() {
             return;
         }
@@ -88,7 +103,7 @@ impl DomeSight {
                 counts: [maps.n_shown(), maps.map_size(), range.start as u32, range.end as u32],
                 sizes: [0, width, height, u32::from(self.mode == RayMode::Soft)],
                 unshaded: Vec4::ZERO,
-                bright: maps.bright(),
+                bright,
             }],
         );
         self.look

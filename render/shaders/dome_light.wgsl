@@ -21,7 +21,7 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     let n_pixels = frame.sizes.y * frame.sizes.z;
     let pixel = at.y * frame.sizes.y + at.x;
     // Light from above alone, where `w` says so, is seen by as much of a tilted surface.
-    var sum = mix(1.0, 0.5 + 0.5 * normal.z, frame.ambient.w) * frame.ambient.rgb;
+    var sum = mix(1.0, 0.5 + 0.5 * normal.z, frame.unshaded.w) * frame.unshaded.rgb;
     var mask = 0u;
     for (var i = 0u; i < frame.counts.x; i++) {
         if (i & 31u) == 0u {

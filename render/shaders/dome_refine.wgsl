@@ -68,8 +68,9 @@ fn main(
             let shown = select(vec4u(0xffffffffu), there, is_alike_at);
             let some = (seen.x | seen.y | seen.z | seen.w) & refreshed;
             mask = shown.x & shown.y & shown.z & shown.w & refreshed;
-            // One neighbour alone could be across a shadow's edge.
-            atomicOr(&undecided, select(refreshed, some & ~mask, n_alike > 1u));
+            // One neighbour alone could be across a shadow's edge; and a bright light's penumbra wants every ray.
+            let bright = frame.bright[word >> 2u][word & 3u] & refreshed;
+            atomicOr(&undecided, select(refreshed, (some & ~mask) | bright, n_alike > 1u));
         }
         workgroupBarrier();
         if local == 0u {

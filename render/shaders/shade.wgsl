@@ -1,23 +1,27 @@
-// Virtual objects as radiance: light from the key lights past all objects, light from near things, reflections.
+// Virtual objects as radiance: light from afar past all objects, light from near things, reflections.
 
 #import brdf
 #import camera
 #import lights
 #import sh
-#import shadow
 
 #import direct
 
-@group(0) @binding(9) var<storage, read> materials: array<Material>;
-@group(0) @binding(10) var specular: texture_cube_array<f32>;
-@group(0) @binding(11) var linear_sampler: sampler;
-@group(0) @binding(12) var base_colors: texture_2d_array<f32>;
-@group(0) @binding(13) var base_color_sampler: sampler;
-@group(0) @binding(14) var irradiance_cubes: texture_cube_array<f32>;
+@group(0) @binding(6) var<storage, read> materials: array<Material>;
+@group(0) @binding(7) var specular: texture_cube_array<f32>;
+@group(0) @binding(8) var linear_sampler: sampler;
+@group(0) @binding(9) var base_colors: texture_2d_array<f32>;
+@group(0) @binding(10) var base_color_sampler: sampler;
+@group(0) @binding(11) var irradiance_cubes: texture_cube_array<f32>;
 // Nine coefficients per environment, sixteen apart: all its light.
-@group(0) @binding(15) var<uniform> harmonics: array<vec4f, 256>;
+@group(0) @binding(12) var<uniform> harmonics: array<vec4f, 256>;
 // Two layers per environment: radiance, irradiance.
-@group(0) @binding(16) var sphere_maps: texture_2d_array<f32>;
+@group(0) @binding(13) var sphere_maps: texture_2d_array<f32>;
+
+// Place of the surface that the light from afar belongs to; w: 1 where there is one.
+@group(0) @binding(14) var light_places: texture_2d<f32>;
+// Its normal.
+@group(0) @binding(15) var light_normals: texture_2d<f32>;
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
@@ -107,32 +111,35 @@ fn mapped_irradiance(slot: u32, normal: vec3f, to_eye: vec3f) -> vec3f {
     return max(sum, vec3f(0.0));
 }
 
-// Share of the lights' irradiance that virtual objects let through. Real things are in the map already.
-fn share_past_virtual(point: vec3f, normal: vec3f) -> vec3f {
-    var all_light = vec3f(1e-6);
-    var arriving = vec3f(1e-6);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        let direct = unshadowed(lights[i], point, normal);
-        if any(direct > vec3f(0.0)) {
-            all_light += direct;
-            arriving += direct * past_virtual(i, lights[i], point, normal, 1.0);
+// The pixel at or next to `pixel` whose light from afar is that of `point`: at an outline or an edge the pixel's own may
+// belong to another surface, or to none.
+fn light_pixel(pixel: vec2u, point: vec3f, normal: vec3f) -> vec2i {
+    var best = vec2i(pixel);
+    var least = 1e9;
+    let size = vec2i(textureDimensions(light_places));
+    for (var dy = -1; dy <= 1; dy++) {
+        for (var dx = -1; dx <= 1; dx++) {
+            let at = vec2i(pixel) + vec2i(dx, dy);
+            if any(at < vec2i(0)) || any(at >= size) {
+                continue;
+            }
+            let there = textureLoad(light_places, at, 0);
+            let turned = 1.0 - dot(textureLoad(light_normals, at, 0).xyz, normal);
+            // The pixel itself goes first where it is as near as its neighbours; another side of the object goes last.
+            let off = distance(there.xyz, point) + 0.1 * turned + select(1e-5, 0.0, dx == 0 && dy == 0) + 1e6 * (1.0 - there.w);
+            if off < least {
+                least = off;
+                best = at;
+            }
         }
     }
-    return arriving / all_light;
+    return best;
 }
 
-// Irradiance of the lights past all objects, and of near things.
-fn lights_irradiance(slot: u32, point: vec3f, normal: vec3f) -> vec3f {
-    var irradiance = near_irradiance(slot, normal);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        let light = lights[i];
-        let direct = unshadowed(light, point, normal);
-        if any(direct > vec3f(0.0)) {
-            let past_real = past_phantoms(i, light, point, normal);
-            irradiance += direct * past_real * past_virtual(i, light, point, normal, 1.0);
-        }
-    }
-    return irradiance;
+// Share of the light from afar that virtual objects let through. Real things are in the map already.
+fn share_past_virtual(pixel: vec2i) -> vec3f {
+    let without = textureLoad(light_without, pixel, 0).rgb;
+    return (textureLoad(light_with, pixel, 0).rgb + 1e-6) / (without + 1e-6);
 }
 
 // Mip of the specular cube for a perceptual roughness.
@@ -182,11 +189,12 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     let f90 = mix(material.dielectric.w, 1.0, metallic);
     var radiance = vec3f(0.0);
     if metallic < 1.0 {
+        let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
-            irradiance = lights_irradiance(slot, corner.position, normal);
+            irradiance = near_irradiance(slot, normal) + textureLoad(light_with, pixel, 0).rgb;
         } else {
-            irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(corner.position, normal);
+            irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
         }
         radiance += (1.0 - metallic) * base_color * irradiance * 0.31830987;
     }

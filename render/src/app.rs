@@ -12,6 +12,7 @@ use mirrorball_capture::{
 use crate::error::RenderError;
 use crate::node::{RenderNode, RenderedFrame};
 use crate::output::Sink;
+use crate::shadow::ShadowMethod;
 
 /// Frame sets decoded ahead of the renderer.
 const READ_AHEAD: usize = 2;
@@ -162,6 +163,14 @@ impl App {
     #[must_use]
     pub fn node(&self) -> &RenderNode {
         &self.node
+    }
+
+    /// Changes the shadow method; on failure the one in use stays.
+    ///
+    /// # Errors
+    /// As [`RenderNode::set_shadow_method`].
+    pub fn set_shadow_method(&mut self, method: ShadowMethod) -> Result<(), RenderError> {
+        self.node.set_shadow_method(method)
     }
 
     /// Number of frames to expect, when known.

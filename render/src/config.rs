@@ -8,6 +8,7 @@ use mirrorball_calib::probe::mapping::Mapping;
 use serde::Deserialize;
 
 use crate::error::RenderError;
+use crate::shadow::ShadowMethod;
 
 /// All settings; every key has a default.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
@@ -189,8 +190,9 @@ pub struct ShadowConfig {
     pub bright_lights: u32,
     /// Edge of a shadow map in texels, 64 ..= 2048.
     pub map_size: u32,
-    /// Percentage-closer filter taps: 9, 25 or 49.
-    pub pcf_taps: u32,
+    /// How shadows are drawn.
+    #[serde(deserialize_with = "shadow_method")]
+    pub method: ShadowMethod,
 }
 
 impl Default for ShadowConfig {
@@ -199,7 +201,7 @@ impl Default for ShadowConfig {
             dome_lights: 48,
             bright_lights: 16,
             map_size: 256,
-            pcf_taps: 9,
+            method: ShadowMethod::Stable,
         }
     }
 }
@@ -278,15 +280,15 @@ impl RenderConfig {
         within("shadow.dome_lights", f64::from(shadow.dome_lights), 1.0, 112.0)?;
         within("shadow.bright_lights", f64::from(shadow.bright_lights), 1.0, 32.0)?;
         within("shadow.map_size", f64::from(shadow.map_size), 64.0, 2048.0)?;
-        if ![9, 25, 49].contains(&shadow.pcf_taps) {
-            return Err(format!(
-                "`shadow.pcf_taps` is `{}`; allowed are 9, 25 and 49",
-                shadow.pcf_taps
-            ));
-        }
         within("view.near_m", f64::from(view.near_m), 1e-3, 10.0)?;
         within("view.far_m", f64::from(view.far_m), f64::from(view.near_m) * 2.0, 1e4)
     }
+}
+
+/// A shadow method by its name.
+fn shadow_method<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<ShadowMethod, D::Error> {
+    let name = String::deserialize(deserializer)?;
+    name.parse().map_err(serde::de::Error::custom)
 }
 
 fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
@@ -317,8 +319,8 @@ mod tests {
     fn bad_values_name_the_key_and_the_range() {
         for (text, expected) in [
             (
-                "[shadow]\npcf_taps = 10",
-                "`shadow.pcf_taps` is `10`; allowed are 9, 25 and 49",
+                "[shadow]\nmethod = \"pcf10\"",
+                "`pcf10` is no shadow method; there are none, blob",
             ),
             (
                 "[shadow]\nmap_size = 1",

@@ -8,24 +8,11 @@ use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
-use crate::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight, GpuStrong, MAX_CASTER_SPHERES, MAX_STRONG};
+use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
 use crate::node::{RenderNode, RenderedFrame, Work};
-use crate::passes::shadow_map::{ShadowView, ShadowWork, Sphere};
 use crate::probe::Light;
-use mirrorball_calib::lights::KeyLight;
+use crate::scene_shadows::ShadowFrame;
 use mirrorball_calib::probe::ProbeOptics;
-use mirrorball_calib::probe::radiance::luminance;
-
-/// Height over the receiver that a penumbra is filtered for, metres: half of a thing that stands on a table.
-const CASTER_HEIGHT_M: f32 = 0.03;
-/// A light that gives less than this share of the light has its shadows compared with one tap: its edges do not show.
-const SINGLE_TAP_SHARE: f32 = 0.02;
-/// A light that is farther away than this counts as that far, metres: nothing near the probe sees the difference.
-const FARTHEST_LIGHT_M: f32 = 1000.0;
-/// Room around a virtual object for the filter of its shadow, metres.
-const CASTER_MARGIN_M: f32 = 0.01;
-/// The phantoms' shadow maps reach this far around the virtual objects, metres.
-const RECEIVER_MARGIN_M: f32 = 0.1;
 
 impl RenderNode {
     /// Renders the virtual objects into the scene camera's frame.
@@ -114,36 +101,18 @@ impl RenderNode {
     fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
         self.upload(frame, camera_from_world, light);
         let gpu = &self.gpu;
-        let probe_m = self.probe.optics().position_m();
-        let lights = self.gpu_lights(light, probe_m);
-        let aims = |receivers: Sphere| -> Vec<Option<GpuAim>> {
-            let is_lit = |l: &GpuLight| l.intensity.truncate() != Vec3::ZERO;
-            lights
-                .iter()
-                .map(|l| is_lit(l).then(|| self.aim(l.position_m.truncate(), receivers)))
-                .collect()
-        };
-        let (phantom_aims, virtual_aims) = (aims(self.receivers()), aims(self.bounds.virtuals));
-        self.passes.direct.write(gpu, &self.gpu_frame(lights.len()), &lights);
-
+        self.passes.receive.write(gpu, &self.gpu_frame());
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
-        let work = ShadowWork {
-            maps: &mut passes.phantom_maps,
+        let shadow_frame = ShadowFrame {
             scene,
-            casters: &scene.phantoms,
-            aims: &phantom_aims,
+            light,
+            probe_m: self.probe.optics().position_m(),
+            camera_from_world,
         };
-        passes.shadow_map.record(gpu, &mut encoder, timer, work);
-        let work = ShadowWork {
-            maps: &mut passes.virtual_maps,
-            scene,
-            casters: &scene.virtuals,
-            aims: &virtual_aims,
-        };
-        passes.shadow_map.record(gpu, &mut encoder, timer, work);
+        self.shadows.record(gpu, &mut encoder, timer, &shadow_frame)?;
         passes.camera_depth.record(&mut encoder, timer, scene);
         passes.local_environment.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
@@ -170,93 +139,15 @@ impl RenderNode {
         )
     }
 
-    fn gpu_frame(&self, n_lights: usize) -> GpuFrame {
-        let taps = self.config.shadow.pcf_taps.isqrt();
+    fn gpu_frame(&self) -> GpuFrame {
         let ball_m = match self.probe.optics() {
             ProbeOptics::MirrorBall { ball, .. } => Some((ball.center_m, ball.radius_m)),
             ProbeOptics::Fisheye { .. } => self.rig.ball.as_ref().map(|ball| (ball.center_m, ball.radius_m)),
         };
         let (center_m, radius_m) = ball_m.unwrap_or((DVec3::ZERO, 0.0));
         GpuFrame {
-            counts: [
-                n_lights as u32,
-                taps,
-                self.environments.slots.len() as u32,
-                self.config.shadow.map_size,
-            ],
+            counts: [self.environments.slots.len() as u32, 0, 0, 0],
             ball_m: center_m.as_vec3().extend(radius_m as f32),
-            receivers_m: self.receivers().to_vec4(),
-            virtuals_m: self.bounds.virtuals.to_vec4(),
-            everything_m: self.bounds.everything.to_vec4(),
-            casters_m: self.caster_spheres(),
-        }
-    }
-
-    /// What the phantoms' shadow maps cover: the virtual objects and the ground around them.
-    fn receivers(&self) -> Sphere {
-        let virtuals = self.bounds.virtuals;
-        Sphere {
-            radius_m: 1.3 * virtuals.radius_m + RECEIVER_MARGIN_M,
-            ..virtuals
-        }
-    }
-
-    /// Spheres around the virtual objects; those beyond the last place make the last one larger.
-    fn caster_spheres(&self) -> [Vec4; MAX_CASTER_SPHERES] {
-        let mut spheres = [Vec4::new(0.0, 0.0, 0.0, -1.0); MAX_CASTER_SPHERES];
-        for (index, slot) in self.environments.slots.iter().enumerate() {
-            let radius_m = slot.radius_m + CASTER_MARGIN_M;
-            match spheres.get_mut(index) {
-                Some(sphere) => *sphere = slot.center_m.extend(radius_m),
-                None => {
-                    let last = &mut spheres[MAX_CASTER_SPHERES - 1];
-                    last.w = last.w.max(last.truncate().distance(slot.center_m) + radius_m);
-                }
-            }
-        }
-        spheres
-    }
-
-    fn aim(&self, light_m: Vec3, receivers: Sphere) -> GpuAim {
-        GpuAim {
-            position_m: light_m.extend(self.config.shadow.map_size as f32),
-            receivers_m: receivers.to_vec4(),
-            casters_m: self.bounds.everything.to_vec4(),
-        }
-    }
-
-    fn gpu_lights(&self, light: &Light, probe_m: Vec3) -> Vec<GpuLight> {
-        let total: f32 = light.lights.iter().map(|l| luminance(l.irradiance)).sum();
-        light
-            .lights
-            .iter()
-            .map(|l| {
-                let taps = if luminance(l.irradiance) < SINGLE_TAP_SHARE * total {
-                    Taps::One
-                } else {
-                    Taps::Many
-                };
-                self.gpu_light(l, taps, probe_m)
-            })
-            .collect()
-    }
-
-    /// A light at its distance from the probe, its shadows filtered for its size.
-    fn gpu_light(&self, light: &KeyLight, taps: Taps, probe_m: Vec3) -> GpuLight {
-        let distance_m = light.distance_m.min(FARTHEST_LIGHT_M);
-        let position_m = probe_m + light.direction * distance_m;
-        // Taps further apart than a texel and a half would show as copies of the edge.
-        let widest = 0.75 * (self.config.shadow.pcf_taps.isqrt() - 1) as f32;
-        let radius = |receivers: Sphere| {
-            if taps == Taps::One {
-                return 0.0;
-            }
-            let texel_m = ShadowView::new(&self.aim(position_m, receivers)).texel_m;
-            (light.angular_radius_rad * CASTER_HEIGHT_M / texel_m).clamp(0.75, widest.max(0.75))
-        };
-        GpuLight {
-            position_m: position_m.extend(radius(self.receivers())),
-            intensity: (light.irradiance * distance_m * distance_m).extend(radius(self.bounds.virtuals)),
         }
     }
 }
@@ -272,15 +163,6 @@ fn gpu_strong(light: &Light) -> GpuStrong {
         strong.cones[index] = Vec4::new(widest, 0.0, 0.0, 0.0);
     }
     strong
-}
-
-/// How a light's shadow is filtered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Taps {
-    /// One bilinear comparison.
-    One,
-    /// Percentage-closer filtering over the light's penumbra.
-    Many,
 }
 
 /// The camera's picture as RGBA.

@@ -41,5 +41,6 @@ pub mod probe;
 pub mod reference;
 pub mod scene;
 pub mod scene_gpu;
+pub mod scene_shadows;
 pub mod shadow;
 pub mod tracker;

@@ -21,6 +21,7 @@ use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
 use mirrorball_render::scene::Scene;
+use mirrorball_render::shadow::ShadowMethod;
 
 /// Puts virtual objects into camera frames: tracked, lit by the room's light, with shadows.
 #[derive(Debug, Parser)]
@@ -34,6 +35,10 @@ struct Arguments {
     /// Environment map to light the objects with instead of measuring the light; equirectangular OpenEXR.
     #[arg(long, value_name = "FILE")]
     environment_in: Option<PathBuf>,
+    /// How shadows are drawn, in place of the settings' `shadow.method`: stable, pcss, volume-zfail, ...; in a window the
+    /// key S goes through all.
+    #[arg(long, value_name = "METHOD")]
+    shadow: Option<ShadowMethod>,
     /// Settings; see `configs/render.toml`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -89,10 +94,11 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), RenderError> {
-    let config = arguments
+    let mut config = arguments
         .config
         .as_deref()
         .map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
+    config.shadow.method = arguments.shadow.unwrap_or(config.shadow.method);
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;

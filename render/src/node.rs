@@ -12,23 +12,24 @@ use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::gpu::types::{GpuCamera, GpuStrong, MAX_LIGHTS};
+use crate::gpu::types::{GpuCamera, GpuStrong};
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
-use crate::passes::direct::{self, DirectLight};
+use crate::passes::direct;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
-use crate::passes::shadow_map::{ShadowMapPass, ShadowMaps, Sphere, enclosing};
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
 use crate::scene::{Kind, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
+use crate::scene_shadows::SceneShadows;
+use crate::shadow::ShadowMethod;
 use crate::tracker::{TrackedPose, Tracker};
 use mirrorball_calib::probe::ProbeOptics;
 use mirrorball_calib::probe::cube::Cube;
@@ -119,7 +120,7 @@ pub struct RenderNode {
     /// The camera that last showed nothing of the light, and why.
     pub(crate) blind: Option<(String, BlindView)>,
     pub(crate) timer: Timer,
-    pub(crate) bounds: Bounds,
+    pub(crate) shadows: SceneShadows,
     pub(crate) pictures: Pictures,
     pub(crate) passes: Passes,
     pub(crate) scene: SceneBuffers,
@@ -133,13 +134,6 @@ pub(crate) struct MeasuredFrame {
     pub(crate) timestamp_ns: u64,
     /// Whether the scene camera's pose was known, so that papers could be read.
     pub(crate) with_pose: bool,
-}
-
-/// Spheres around parts of the scene, for the shadow maps.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Bounds {
-    pub(crate) virtuals: Sphere,
-    pub(crate) everything: Sphere,
 }
 
 /// Pictures of the cameras and light cubes on the GPU.
@@ -159,14 +153,10 @@ pub(crate) struct Pictures {
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) radiance_map: RadianceMap,
-    pub(crate) shadow_map: ShadowMapPass,
-    pub(crate) phantom_maps: ShadowMaps,
-    pub(crate) virtual_maps: ShadowMaps,
     pub(crate) camera_depth: CameraDepth,
     pub(crate) local_environment: LocalEnvironment,
     pub(crate) light_maps: LightMaps,
     pub(crate) irradiance: Irradiance,
-    pub(crate) direct: DirectLight,
     pub(crate) receive: Receive,
     pub(crate) shade: Shade,
     pub(crate) composite: Composite,
@@ -178,10 +168,9 @@ impl RenderNode {
     /// # Errors
     /// [`RenderError::NoProbe`] when the rig has no light probe.
     pub fn new(gpu: Gpu, rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
-        check_limits(&gpu, &rig, &config)?;
+        check_limits(&gpu, &rig)?;
         let optics = ProbeOptics::of_rig(&rig)?;
         let occluders = phantoms(scene, &rig);
-        let bounds = Bounds::new(scene, &rig);
         let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
         let buffers = SceneBuffers::new(&gpu, scene, &rig)?;
         let environments = Environments::new(&gpu, scene, &rig, &occluders);
@@ -200,7 +189,16 @@ impl RenderNode {
             behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
             strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
         };
-        let passes = Passes::new(&gpu, &config, camera, (&buffers, &environments, &pictures, &probe));
+        let of_scene = (scene, &buffers);
+        let shadows = SceneShadows::new(&gpu, of_scene, (&rig, &pictures.camera), config.shadow)?;
+        let inputs = PassInputs {
+            scene: &buffers,
+            environments: &environments,
+            pictures: &pictures,
+            probe: &probe,
+            shadows: &shadows,
+        };
+        let passes = Passes::new(&gpu, &config, camera, inputs);
         Ok(Self {
             tracker: Tracker::new(&rig),
             timer: Timer::new(&gpu),
@@ -223,7 +221,7 @@ impl RenderNode {
             checked_sets: 0,
             occluders,
             probe,
-            bounds,
+            shadows,
             pictures,
             passes,
             scene: buffers,
@@ -244,6 +242,20 @@ impl RenderNode {
             given_light: Some(radiance),
             ..self
         }
+    }
+
+    /// The shadow method in use.
+    #[must_use]
+    pub fn shadow_method(&self) -> ShadowMethod {
+        self.shadows.method()
+    }
+
+    /// Changes the shadow method; on failure the one in use stays.
+    ///
+    /// # Errors
+    /// [`RenderError::Shadow`] or [`RenderError::TooLarge`] where the method cannot take this scene on this adapter.
+    pub fn set_shadow_method(&mut self, method: ShadowMethod) -> Result<(), RenderError> {
+        self.shadows.set_method(&self.gpu, &self.scene, method)
     }
 
     /// Name of the graphics adapter.
@@ -332,7 +344,7 @@ fn strong_report(light: &Light, of: &StrongLight) -> StrongReport {
 }
 
 /// Refuses what the adapter cannot hold and lenses that cannot be drawn through.
-fn check_limits(gpu: &Gpu, rig: &Rig, config: &RenderConfig) -> Result<(), RenderError> {
+fn check_limits(gpu: &Gpu, rig: &Rig) -> Result<(), RenderError> {
     /// Beyond this a vertex behind the image plane can still be in the picture.
     const WIDEST_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
     let limits = gpu.device.limits();
@@ -349,12 +361,6 @@ fn check_limits(gpu: &Gpu, rig: &Rig, config: &RenderConfig) -> Result<(), Rende
             limits.max_storage_buffer_binding_size,
         )?;
     }
-    let n_lights = u64::from(config.shadow.dome_lights + config.shadow.bright_lights);
-    gpu.within(
-        "a number of lights",
-        n_lights,
-        u64::from(limits.max_texture_array_layers).min(MAX_LIGHTS as u64),
-    )?;
     let camera = rig.scene_camera();
     match camera.intrinsics.lens {
         LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad }
@@ -382,45 +388,26 @@ pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderErr
     })
 }
 
-impl Bounds {
-    fn new(scene: &Scene, rig: &Rig) -> Self {
-        let spheres = |kind: Option<Kind>| {
-            let sphere = |o: &crate::scene::Object| {
-                let (center_m, radius_m) = o.bounding_sphere(rig);
-                Sphere { center_m, radius_m }
-            };
-            let all: Vec<Sphere> = scene
-                .objects
-                .iter()
-                .filter(|o| kind.is_none_or(|k| o.kind == k))
-                .map(sphere)
-                .collect();
-            // Without any object the maps stay empty; any sphere will do.
-            enclosing(&all).unwrap_or(Sphere {
-                center_m: Vec3::ZERO,
-                radius_m: 0.1,
-            })
-        };
-        Self {
-            virtuals: spheres(Some(Kind::Virtual)),
-            everything: spheres(None),
-        }
-    }
+/// What the passes are bound to.
+#[derive(Clone, Copy)]
+struct PassInputs<'a> {
+    scene: &'a SceneBuffers,
+    environments: &'a Environments,
+    pictures: &'a Pictures,
+    probe: &'a LightProbe,
+    shadows: &'a SceneShadows,
 }
 
 impl Passes {
-    fn new(
-        gpu: &Gpu,
-        config: &RenderConfig,
-        camera: &Camera,
-        (scene, environments, pictures, probe): (&SceneBuffers, &Environments, &Pictures, &LightProbe),
-    ) -> Self {
+    fn new(gpu: &Gpu, config: &RenderConfig, camera: &Camera, inputs: PassInputs<'_>) -> Self {
+        let PassInputs {
+            scene,
+            environments,
+            pictures,
+            probe,
+            shadows,
+        } = inputs;
         let size_px = camera.intrinsics.size_px;
-        let n_lights = config.shadow.dome_lights + config.shadow.bright_lights;
-        let shadow_map = ShadowMapPass::new(gpu);
-        let map_shape = [config.shadow.map_size, n_lights];
-        let phantom_maps = shadow_map.maps(gpu, "shadow_map: phantoms", scene, map_shape);
-        let virtual_maps = shadow_map.maps(gpu, "shadow_map: virtual objects", scene, map_shape);
         let camera_depth = CameraDepth::new(gpu, &pictures.camera, scene, (size_px, shade::SAMPLES));
         let sampler = gpu.linear_sampler();
         let local_environment = LocalEnvironment::new(
@@ -438,31 +425,25 @@ impl Passes {
                 sampler: &sampler,
             },
         );
-        let direct = DirectLight::new(gpu);
-        let inputs = direct::Inputs {
+        let inputs = |light| direct::Inputs {
             camera: &pictures.camera,
             scene,
             environments,
-            phantom_maps: &phantom_maps.view,
-            virtual_maps: &virtual_maps.view,
+            light,
         };
-        let receive = Receive::new(gpu, &direct, inputs, size_px);
+        let receive = Receive::new(gpu, inputs(shadows.on_phantoms()), size_px);
         let target = ShadeTarget {
             size_px,
             light: config.light,
         };
-        let shade = Shade::new(gpu, &direct, inputs, (&sampler, target));
+        let shade = Shade::new(gpu, inputs(shadows.on_virtuals()), (&sampler, target));
         Self {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
             light_maps: LightMaps::new(gpu, environments, &config.light, (&pictures.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
             composite: Composite::new(gpu, &pictures.camera, &pictures.scene, (&shade, &receive), size_px),
-            shadow_map,
-            phantom_maps,
-            virtual_maps,
             camera_depth,
             local_environment,
-            direct,
             receive,
             shade,
         }

@@ -8,7 +8,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuMaterial, GpuObject, MAX_ENVIRONMENTS};
-use crate::scene::{Kind, Scene, Vertex, subdivided};
+use crate::scene::{Kind, Mesh, Scene, Vertex, subdivided};
 
 /// Longest edge of a triangle before it is split for the lens, metres.
 const MAX_EDGE_M: f32 = 0.04;
@@ -87,7 +87,7 @@ impl SceneBuffers {
                 }
                 Kind::Phantom => (&mut phantoms, 0, 0),
             };
-            let own: Vec<u32> = mesh.indices.iter().map(|i| first_vertex + i).collect();
+            let own: Vec<u32> = finite_triangles(&mesh).map(|i| first_vertex + i).collect();
             indices.extend_from_slice(&own);
             of_object.push(own);
             slots.push([slot, is_virtual]);
@@ -167,6 +167,20 @@ impl IndexRange {
             pass.draw_indexed(0..self.n_indices, 0, 0..1);
         }
     }
+}
+
+/// Indices of the triangles all of whose corners are finite numbers: what rasterisers make of others is not defined.
+fn finite_triangles(mesh: &Mesh) -> impl Iterator<Item = u32> + '_ {
+    let is_finite = |&i: &u32| {
+        mesh.vertices
+            .get(i as usize)
+            .is_some_and(|vertex| vertex.position.iter().all(|x| x.is_finite()))
+    };
+    mesh.indices
+        .chunks_exact(3)
+        .filter(move |triangle| triangle.iter().all(is_finite))
+        .flatten()
+        .copied()
 }
 
 fn gpu_material(material: &crate::scene::Material, layer: usize) -> GpuMaterial {

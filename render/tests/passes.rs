@@ -5,6 +5,7 @@ mod support;
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
 use mirrorball_calib::camera::LensModel;
+use mirrorball_calib::lights::KeyLight;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
@@ -15,16 +16,15 @@ use mirrorball_calib::rig::Camera;
 use mirrorball_render::config::{MappingName, ProbeConfig};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::timer::Timer;
-use mirrorball_render::gpu::types::{GpuCamera, GpuLight};
+use mirrorball_render::gpu::types::GpuCamera;
 use mirrorball_render::passes::composite::Composite;
 use mirrorball_render::passes::radiance_map::{CubePlace, RadianceMap, gpu_probe};
-use mirrorball_render::passes::shadow_map::{ShadowView, Sphere};
 use mirrorball_render::probe::surroundings::NOTHING_M;
 use mirrorball_render::reference;
 use mirrorball_render::reference::receive::Blockers;
-use mirrorball_render::reference::shadow_map::DepthMap;
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::PictureBuffers;
+use mirrorball_render::shadow::dome::DomeLight;
 use support::stage::{Stage, environment_stage, light};
 use support::{EXPOSURE, Errors, cube_of, halves, spread};
 
@@ -298,7 +298,7 @@ fn clipped_light_is_marked() {
     }
 }
 
-// ---- shadow_map, receive ---------------------------------------------------------------------------------------------
+// ---- receive ---------------------------------------------------------------------------------------------------------
 
 const GROUND_RADIUS_M: f32 = 0.25;
 
@@ -314,13 +314,8 @@ fn shadow_scene() -> Scene {
     ])
 }
 
-const RECEIVERS: Sphere = Sphere {
-    center_m: Vec3::ZERO,
-    radius_m: 1.5 * GROUND_RADIUS_M,
-};
-
 /// Lights over the upper half, one of them behind the wall as seen from the sphere.
-fn lights() -> Vec<GpuLight> {
+fn lights() -> Vec<KeyLight> {
     support::directions(24)
         .filter(|d| d.z > 0.15)
         .enumerate()
@@ -329,125 +324,12 @@ fn lights() -> Vec<GpuLight> {
 }
 
 #[test]
-fn shadow_maps_hold_the_depths_that_rays_find() {
-    const SIZE: u32 = 128;
-    let Some(gpu) = support::gpu() else { return };
-    let scene = shadow_scene();
-    let rig = support::rig();
-    let lights = lights();
-    let mut stage = Stage::new(gpu, &rig, &scene, [SIZE, lights.len() as u32]);
-    let pose = support::looking_at(DVec3::ZERO, DVec3::new(0.0, -0.3, 0.4));
-    stage.ratios(&rig, &pose, &lights, RECEIVERS);
-    let phantoms = support::occluders(&scene, Kind::Phantom);
-    let maps = stage.phantom_maps.view.texture();
-    for (layer, aim) in stage.aims(&lights, RECEIVERS).into_iter().flatten().enumerate() {
-        let view = ShadowView::new(&aim);
-        let drawn = DepthMap {
-            size: SIZE,
-            texels: support::read_layer(&stage.gpu, maps, 0, layer as u32),
-        };
-        let cast = reference::shadow_map::depth(&view, &phantoms, SIZE);
-        let pairs: Vec<(f32, f32)> = drawn.texels.iter().copied().zip(cast.texels).collect();
-        let differ = pairs.iter().filter(|(a, b)| (*a < 1.0) != (*b < 1.0)).count();
-        assert!(
-            differ * 100 < pairs.len(),
-            "light {layer}: {differ} texels differ in whether anything is there"
-        );
-        // Metres along the light's view; the drawn map lies deeper by its bias of up to two texels' slope.
-        let [near_m, far_m] = view.depth_m;
-        let metres = |depth: f32| near_m * far_m / (far_m - depth * (far_m - near_m));
-        let both = pairs.iter().filter(|(a, b)| *a < 1.0 && *b < 1.0);
-        let errors = Errors::of(
-            &format!("depth, light {layer}"),
-            both.map(|(a, b)| (metres(*a) - metres(*b)) / view.texel_m),
-        );
-        // A surface 80° off the light rises 6 texels per texel; a wall's outline is off by its height in few texels.
-        assert!(errors.mean < 8.0, "light {layer}, in texels: {errors:?}");
-        let before = pairs
-            .iter()
-            .filter(|(a, b)| metres(*a) < metres(*b) - view.texel_m)
-            .count();
-        assert!(
-            before * 200 < pairs.len(),
-            "light {layer}: {before} texels shade what is before them"
-        );
-    }
-}
-
-#[test]
-fn filtered_comparison_equals_its_twin() {
-    const SAMPLE: &str = "\
-#import shadow
-        struct Query { clip: vec4f, filter_size: vec2f, layer: u32, unused: u32 }
-        @group(0) @binding(0) var maps: texture_depth_2d_array;
-        @group(0) @binding(1) var depth_sampler: sampler_comparison;
-        @group(0) @binding(2) var<storage, read> queries: array<Query>;
-        @group(0) @binding(3) var<storage, read_write> out: array<f32>;
-        @compute @workgroup_size(64)
-        fn main(@builtin(global_invocation_id) id: vec3u) {
-            if id.x < arrayLength(&queries) {
-                let query = queries[id.x];
-                out[id.x] = visibility(maps, depth_sampler, query.layer, query.clip, query.filter_size);
-            }
-        }";
-    const SIZE: u32 = 64;
-    let Some(gpu) = support::gpu() else { return };
-    let (scene, rig, lights) = (shadow_scene(), support::rig(), lights());
-    let mut stage = Stage::new(gpu, &rig, &scene, [SIZE, lights.len() as u32]);
-    let pose = support::looking_at(DVec3::ZERO, DVec3::new(0.0, -0.3, 0.4));
-    stage.ratios(&rig, &pose, &lights, RECEIVERS);
-    let maps = &stage.virtual_maps.view;
-    let map = DepthMap {
-        size: SIZE,
-        texels: support::read_layer(&stage.gpu, maps.texture(), 0, 0),
-    };
-    let (mut queries, mut expected) = (Vec::new(), Vec::new());
-    for i in 0..3000 {
-        let uv = Vec2::new(spread(i, 0.1) as f32, spread(i * 7, 0.6) as f32);
-        let depth = if i % 2 == 0 {
-            0.999
-        } else {
-            spread(i * 3, 0.2) as f32 * 0.998 + 0.001
-        };
-        let taps = [3, 5, 7][i % 3];
-        let reach = [0.0, 0.75, 1.5, 2.6][i % 4];
-        let clip = Vec4::new(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, depth, 1.0) * 1.7;
-        queries.push([clip, Vec4::new(taps as f32, reach, 0.0, 0.0)]);
-        expected.push(reference::receive::pcf(&map, uv, (taps, reach), depth));
-    }
-    assert!(
-        expected.iter().filter(|v| **v > 0.0 && **v < 1.0).count() > 200,
-        "too few queries fall on an edge"
-    );
-    let sampler = stage.gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        compare: Some(wgpu::CompareFunction::LessEqual),
-        ..wgpu::SamplerDescriptor::default()
-    });
-    let query_buffer = stage.gpu.buffer("test: queries", &queries);
-    let found: Vec<f32> = support::compute(
-        &stage.gpu,
-        SAMPLE,
-        &[
-            wgpu::BindingResource::TextureView(maps),
-            wgpu::BindingResource::Sampler(&sampler),
-            query_buffer.as_entire_binding(),
-        ],
-        queries.len(),
-    );
-    let errors = Errors::of("PCF", found.iter().zip(&expected).map(|(a, b)| a - b));
-    // Each bilinear weight has at least 8 bits (Vulkan's least precision of a texel's position): 2/256 per comparison.
-    assert!(errors.mean < 1e-3 && errors.worst < 0.01, "{errors:?}");
-}
-
-#[test]
 fn ratios_on_phantoms_equal_cast_shadows() {
     let Some(gpu) = support::gpu() else { return };
     let (scene, rig, lights) = (shadow_scene(), support::rig(), lights());
     let mut stage = Stage::new(gpu, &rig, &scene, [512, lights.len() as u32]);
     let pose = support::looking_at(DVec3::new(0.0, 0.02, 0.0), DVec3::new(0.05, -0.35, 0.35));
-    let ratios = stage.ratios(&rig, &pose, &lights, RECEIVERS);
+    let ratios = stage.ratios(&rig, &pose, &lights);
     let (phantoms, virtuals) = (
         support::occluders(&scene, Kind::Phantom),
         support::occluders(&scene, Kind::Virtual),
@@ -456,6 +338,14 @@ fn ratios_on_phantoms_equal_cast_shadows() {
         phantoms: &phantoms,
         virtuals: &virtuals,
     };
+    let dome: Vec<DomeLight> = lights
+        .iter()
+        .map(|l| DomeLight {
+            position_m: l.direction * l.distance_m,
+            intensity: l.irradiance * l.distance_m * l.distance_m,
+            angular_radius_rad: 0.0,
+        })
+        .collect();
     let camera = &rig.scene_camera().intrinsics;
     let world_from_camera = pose.inverse();
     let eye = world_from_camera.translation.as_vec3();
@@ -476,7 +366,7 @@ fn ratios_on_phantoms_equal_cast_shadows() {
             continue;
         }
         assert_eq!(found.w, 1.0, "the ground at {point} is not covered");
-        let expected = reference::receive::ratio(point, Vec3::Z, &lights, blockers, Vec3::ZERO);
+        let expected = reference::receive::ratio(point, Vec3::Z, &dome, blockers, Vec3::ZERO);
         darkest = darkest.min(expected.x);
         errors.push((found.xyz() - expected).abs().max_element());
     }

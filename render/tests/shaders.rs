@@ -6,15 +6,24 @@ use std::mem::offset_of;
 use mirrorball_render::environments::SH_STRIDE_BYTES;
 use mirrorball_render::gpu::shader::{PASSES, resolve};
 use mirrorball_render::gpu::types::{
-    GpuAim, GpuCamera, GpuEnvironment, GpuFrame, GpuLight, GpuLobe, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn,
-    MAX_ENVIRONMENTS, MAX_LIGHTS,
+    GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn, MAX_ENVIRONMENTS,
 };
 use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
+use mirrorball_render::shadow::dome::{GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS};
+use mirrorball_render::shadow::light::GpuShadowLight;
+use mirrorball_render::shadow::map_view::MapView;
+use mirrorball_render::shadow::path::hierarchy::{GpuBvhNode, GpuBvhTriangle, MAX_DEPTH};
+use mirrorball_render::shadow::path::irradiance::GpuIrradianceSettings;
+use mirrorball_render::shadow::path::run::GpuPathSettings;
+use mirrorball_render::shadow::path::scene::{GpuCorners, GpuPathMaterial};
 use mirrorball_render::shadow::planar::GpuProjection;
+use mirrorball_render::shadow::view::GpuView;
+use mirrorball_render::shadow::wedges::{GpuWedgeFrame, GpuWedgeShape};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{ArraySize, Module, TypeInner};
 
@@ -70,7 +79,7 @@ fn array(module: &Module, global: &str) -> (u32, u32) {
 
 /// Compares a WGSL struct of a pass with its Rust twin, every member by name and offset.
 macro_rules! assert_same_layout {
-    ($pass:literal, $wgsl:literal, $rust:ty { $($member:ident),* $(,)? }) => {{
+    ($pass:expr, $wgsl:literal, $rust:ty { $($member:ident),* $(,)? }) => {{
         let (members, size) = layout(&module($pass), $wgsl);
         let rust: BTreeMap<String, u32> =
             [$((stringify!($member).to_owned(), offset_of!($rust, $member) as u32)),*].into();
@@ -131,28 +140,7 @@ fn shared_structs_have_one_layout() {
             ramps_px
         }
     );
-    assert_same_layout!("receive", "Light", GpuLight { position_m, intensity });
-    assert_same_layout!(
-        "receive",
-        "Frame",
-        GpuFrame {
-            counts,
-            ball_m,
-            receivers_m,
-            virtuals_m,
-            everything_m,
-            casters_m
-        }
-    );
-    assert_same_layout!(
-        "shadow_map",
-        "Aim",
-        GpuAim {
-            position_m,
-            receivers_m,
-            casters_m
-        }
-    );
+    assert_same_layout!("receive", "Frame", GpuFrame { counts, ball_m });
     assert_same_layout!(
         "receive",
         "Object",
@@ -174,6 +162,69 @@ fn shared_structs_have_one_layout() {
 }
 
 #[test]
+fn views_of_shadow_maps_have_one_layout() {
+    assert_same_layout!(
+        "shadow_pcf",
+        "MapView",
+        MapView {
+            position_m,
+            right,
+            up,
+            forward,
+            middle
+        }
+    );
+}
+
+#[test]
+fn structs_of_domes_have_one_layout() {
+    for pass in ["dome_maps", "dome_visibility", "dome_light_pair", "key_light_pair"] {
+        assert_same_layout!(
+            pass,
+            "DomeLight",
+            GpuDomeLight {
+                position_m,
+                intensity,
+                right,
+                up,
+                forward,
+                depth
+            }
+        );
+        assert_same_layout!(
+            pass,
+            "Frame",
+            GpuDomeFrame {
+                counts,
+                sizes,
+                unshaded,
+                bright
+            }
+        );
+    }
+    assert_same_layout!(
+        "key_light_pair",
+        "KeyLight",
+        GpuShadowLight {
+            position_m,
+            u,
+            v,
+            power
+        }
+    );
+    assert_same_layout!(
+        "surface",
+        "View",
+        GpuView {
+            clip_from_world,
+            world_from_clip,
+            eye_m,
+            size_px
+        }
+    );
+}
+
+#[test]
 fn structs_of_the_light_maps_have_one_layout() {
     assert_same_layout!("downsample", "Node", GpuNode { power, direction });
     for pass in ["prefilter_specular", "prefilter_phong", "irradiance_cube"] {
@@ -190,6 +241,39 @@ fn structs_of_the_light_maps_have_one_layout() {
     }
     assert_same_layout!("prefilter_specular", "Lobe", GpuLobe { parameters });
     assert_same_layout!("cylindrical", "Turn", GpuTurn { axis, sweep });
+}
+
+#[test]
+fn structs_of_the_path_tracer_have_one_layout() {
+    assert_same_layout!(
+        "shadow_path",
+        "Node",
+        GpuBvhNode {
+            low,
+            link,
+            high,
+            unused
+        }
+    );
+    assert_same_layout!("shadow_path", "Triangle", GpuBvhTriangle { a, b, c });
+    assert_same_layout!("shadow_path", "Corners", GpuCorners { a, b, c });
+    assert_same_layout!(
+        "shadow_path",
+        "PathMaterial",
+        GpuPathMaterial {
+            color,
+            dielectric,
+            parameters
+        }
+    );
+    assert_same_layout!("shadow_path", "Settings", GpuPathSettings { counts, scene, choices });
+    assert_same_layout!(
+        "shadow_path_irradiance",
+        "Settings",
+        GpuIrradianceSettings { counts, roots, lengths }
+    );
+    let stack = format!("const STACK = {MAX_DEPTH};");
+    assert!(source("shadow_path").contains(&stack), "bvh.wgsl lacks `{stack}`");
 }
 
 #[test]
@@ -213,11 +297,6 @@ fn arrays_are_as_long_as_the_constants_say() {
     for pass in ["receive", "shade"] {
         let module = module(pass);
         assert_eq!(
-            array(&module, "lights"),
-            (MAX_LIGHTS as u32, size_of::<GpuLight>() as u32),
-            "{pass}"
-        );
-        assert_eq!(
             array(&module, "environments"),
             (MAX_ENVIRONMENTS as u32, size_of::<GpuEnvironment>() as u32)
         );
@@ -227,6 +306,17 @@ fn arrays_are_as_long_as_the_constants_say() {
             MAX_ENVIRONMENTS as u64 * SH_STRIDE_BYTES,
             "{pass}"
         );
+    }
+    for pass in [
+        "dome_maps",
+        "dome_visibility",
+        "dome_refine",
+        "dome_light",
+        "dome_light_pair",
+        "key_light_pair",
+    ] {
+        let expected = (MAX_DOME_LIGHTS as u32, size_of::<GpuDomeLight>() as u32);
+        assert_eq!(array(&module(pass), "lights"), expected, "{pass}");
     }
     let (length, stride) = array(&module("shade"), "harmonics");
     assert_eq!(u64::from(length * stride), MAX_ENVIRONMENTS as u64 * SH_STRIDE_BYTES);
@@ -268,4 +358,50 @@ fn structs_of_blobs_and_planar_shadows_have_one_layout() {
     );
     assert!(source("shadow_blob").contains(&format!("array<Blob, {MAX_BLOBS}>")));
     assert_same_layout!("shadow_planar", "Projection", GpuProjection { plane, light });
+}
+
+#[test]
+fn layouts_of_soft_shadow_volumes_and_attenuation_maps_agree() {
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeFrame",
+        GpuWedgeFrame {
+            light_from_world,
+            eye_m,
+            center_m,
+            half_u_m,
+            half_v_m,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_wedges",
+        "WedgeShape",
+        GpuWedgeShape {
+            light_from_object,
+            low,
+            high,
+            ranges
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "AttenuationFrame",
+        GpuAttenuationFrame {
+            origin_m,
+            right,
+            up,
+            forward,
+            counts
+        }
+    );
+    assert_same_layout!(
+        "shadow_attenuation",
+        "LightPlace",
+        GpuLightPlace {
+            position_m,
+            clip_from_world,
+            world_from_clip
+        }
+    );
 }

@@ -15,7 +15,9 @@ struct DomeLight {
 struct Frame {
     counts: vec4u,
     sizes: vec4u,
-    ambient: vec4f,
+    unshaded: vec4f,
+    // A bit per light: those whose shadows show.
+    bright: array<vec4u, 2>,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -6,9 +6,14 @@
 // Word after word, each for all pixels.
 @group(0) @binding(5) var<storage, read_write> bits: array<u32>;
 
-// Lowest step over the surface in texels, and the number of steps of doubling height.
+// Lowest step over the surface in texels; how much higher each is than the one below; and their number, so that the last
+// begins 100 to 250 texels high: more than what stands in a map of 256 is tall.
 const FIRST_STEP_TEXELS: f32 = 1.0;
-const STEPS: i32 = 6;
+const GROWTH: f32 = 2.5;
+const LOG2_GROWTH: f32 = 1.3219281;
+const STEPS: i32 = 7;
+// Steps overlap by this factor, or a ray would slip between two of them where what stands in the way is aslant.
+const OVERLAP: f32 = 1.3;
 
 // What a map stores at a place in texels; empty outside.
 fn stored(light: u32, at: vec2f) -> f32 {
@@ -20,16 +25,25 @@ fn stored(light: u32, at: vec2f) -> f32 {
     return bitcast<f32>(maps[(light * size + texel.y) * size + texel.x]);
 }
 
-// A place on the unit disk for one of the 16 pixels of a tile, turned from light to light (Vogel 1979's spiral).
-fn disk(pixel: vec2u, light: u32) -> vec2f {
+// Number of a pixel in its tile of 4 × 4: neighbours are far apart (an ordered dither matrix: Bayer 1973).
+fn rank_in_tile(pixel: vec2u) -> u32 {
     let x = pixel.x & 3u;
     let y = pixel.y & 3u;
-    // Neighbours in the tile lie far apart on the spiral: an ordered dither matrix (Bayer 1973).
     let mixed = x ^ y;
-    let rank = ((mixed & 1u) << 3u) | ((y & 1u) << 2u) | (mixed & 2u) | ((y & 2u) >> 1u);
+    return ((mixed & 1u) << 3u) | ((y & 1u) << 2u) | (mixed & 2u) | ((y & 2u) >> 1u);
+}
+
+// A place on the unit disk for each of the 16 pixels of a tile, turned from light to light (Vogel 1979's spiral).
+fn disk(rank: u32, light: u32) -> vec2f {
     let radius = sqrt((f32(rank) + 0.5) / 16.0);
     let angle = 2.3999632 * f32(rank) + 1.7 * f32(light);
     return radius * vec2f(cos(angle), sin(angle));
+}
+
+// A place in a texel for each of the 16, so that together they look at all of it: texels do not show at edges.
+fn in_texel(rank: u32) -> vec2f {
+    let turned = (rank * 7u) & 15u;
+    return (vec2f(f32(turned & 3u), f32(turned >> 2u)) - 1.5) / 4.0;
 }
 
 fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
@@ -49,21 +63,24 @@ fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
         return stored(i, at) <= light.depth.x - light.depth.y / z;
     }
     // Texels that the ray moves sideways per metre of height.
-    let sideways = disk(pixel, i) * (light.position_m.w * half_size / (light.depth.w * z));
+    let rank = rank_in_tile(pixel);
+    let from_texel = at + in_texel(rank);
+    let sideways = disk(rank, i) * (light.position_m.w * half_size / (light.depth.w * z));
     // The steps' heights differ from pixel to pixel, so that their bounds do not show.
-    let jitter = f32((pixel.x * 5u + pixel.y * 3u + i) & 7u) / 8.0;
+    let jitter = fract(0.618034 * f32(rank) + 0.37 * f32(i));
     var low = 0.0;
-    var high = FIRST_STEP_TEXELS * texel_m * exp2(jitter);
+    var high = FIRST_STEP_TEXELS * texel_m * exp2(LOG2_GROWTH * jitter);
     for (var step = 0; step < STEPS; step++) {
-        let middle = select(0.75, 0.5, step == 0) * high;
-        let depth = stored(i, at + sideways * middle);
+        // The geometric mean of the step's bounds; the first has none below.
+        let middle = select(0.632, 0.5, step == 0) * high;
+        let depth = stored(i, from_texel + sideways * middle);
         // Height of what the map shows over the point, along the light's view.
         let height = z - light.depth.y / (light.depth.x - depth);
-        if depth > 0.0 && height > low && (height <= high || step == STEPS - 1) {
+        if depth > 0.0 && height > low / OVERLAP && (height <= high * OVERLAP || step == STEPS - 1) {
             return false;
         }
         low = high;
-        high *= 2.0;
+        high *= GROWTH;
     }
     return true;
 }

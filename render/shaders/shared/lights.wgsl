@@ -1,19 +1,9 @@
-// What all fragments share: lights, objects, materials, environments. World frame, metres.
+// What all fragments share: objects, materials, environments. World frame, metres.
 
 struct Frame {
+    // x: number of environments.
     counts: vec4u,
     ball_m: vec4f,
-    // Spheres (centre, radius) that hold the receivers, the virtual objects, and everything.
-    receivers_m: vec4f,
-    virtuals_m: vec4f,
-    everything_m: vec4f,
-    // Spheres around virtual objects, four at most, a negative radius for none.
-    casters_m: array<vec4f, 4>,
-}
-
-struct Light {
-    position_m: vec4f,
-    intensity: vec4f,
 }
 
 struct Object {

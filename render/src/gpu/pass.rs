@@ -34,6 +34,17 @@ impl Gpu {
         })
     }
 
+    /// A buffer that passes write and read, filled with zeros.
+    #[must_use]
+    pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        })
+    }
+
     /// Writes `items` to the start of `buffer`.
     pub fn write<T: Pod>(&self, buffer: &wgpu::Buffer, items: &[T]) {
         self.queue.write_buffer(buffer, 0, bytemuck::cast_slice(items));

@@ -4,20 +4,30 @@ use std::borrow::Cow;
 
 /// Sources that passes share, by the name they are imported with.
 const SHARED: &[(&str, &str)] = &[
+    ("attenuation", include_str!("../../shaders/shared/attenuation.wgsl")),
     ("brdf", include_str!("../../shaders/shared/brdf.wgsl")),
+    ("bvh", include_str!("../../shaders/shared/bvh.wgsl")),
     ("camera", include_str!("../../shaders/shared/camera.wgsl")),
     ("cube", include_str!("../../shaders/shared/cube.wgsl")),
     ("direct", include_str!("../../shaders/shared/direct.wgsl")),
+    (
+        "environment_map",
+        include_str!("../../shaders/shared/environment_map.wgsl"),
+    ),
     ("dome", include_str!("../../shaders/shared/dome.wgsl")),
     ("dome_ray", include_str!("../../shaders/shared/dome_ray.wgsl")),
     ("key_light", include_str!("../../shaders/shared/key_light.wgsl")),
+    ("light_places", include_str!("../../shaders/shared/light_places.wgsl")),
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
     ("lights", include_str!("../../shaders/shared/lights.wgsl")),
     ("lobe_sum", include_str!("../../shaders/shared/lobe_sum.wgsl")),
+    ("path_material", include_str!("../../shaders/shared/path_material.wgsl")),
+    ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
+    ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
-    ("shadow", include_str!("../../shaders/shared/shadow.wgsl")),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
+    ("wedge", include_str!("../../shaders/shared/wedge.wgsl")),
 ];
 
 /// Sources of the passes, by the name of the pass.
@@ -30,6 +40,8 @@ pub const PASSES: &[(&str, &str)] = &[
     ("highlight", include_str!("../../shaders/highlight.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
     ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
+    ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),
+    ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),
@@ -45,17 +57,48 @@ pub const PASSES: &[(&str, &str)] = &[
     ("separable_blur", include_str!("../../shaders/separable_blur.wgsl")),
     ("shade", include_str!("../../shaders/shade.wgsl")),
     ("shadow_blob", include_str!("../../shaders/shadow_blob.wgsl")),
-    ("shadow_map", include_str!("../../shaders/shadow_map.wgsl")),
+    ("shadow_path", include_str!("../../shaders/shadow_path.wgsl")),
+    (
+        "shadow_path_irradiance",
+        include_str!("../../shaders/shadow_path_irradiance.wgsl"),
+    ),
     ("shadow_planar", include_str!("../../shaders/shadow_planar.wgsl")),
     ("shadow_stencil", include_str!("../../shaders/shadow_stencil.wgsl")),
     ("shadow_volume", include_str!("../../shaders/shadow_volume.wgsl")),
     ("sphere_map", include_str!("../../shaders/sphere_map.wgsl")),
     ("dome_filter", include_str!("../../shaders/dome_filter.wgsl")),
     ("dome_light", include_str!("../../shaders/dome_light.wgsl")),
+    ("dome_light_pair", include_str!("../../shaders/dome_light_pair.wgsl")),
     ("dome_maps", include_str!("../../shaders/dome_maps.wgsl")),
     ("dome_refine", include_str!("../../shaders/dome_refine.wgsl")),
     ("dome_visibility", include_str!("../../shaders/dome_visibility.wgsl")),
+    (
+        "shadow_attenuation",
+        include_str!("../../shaders/shadow_attenuation.wgsl"),
+    ),
+    (
+        "shadow_attenuation_count",
+        include_str!("../../shaders/shadow_attenuation_count.wgsl"),
+    ),
+    (
+        "shadow_attenuation_depth",
+        include_str!("../../shaders/shadow_attenuation_depth.wgsl"),
+    ),
+    (
+        "shadow_attenuation_warp",
+        include_str!("../../shaders/shadow_attenuation_warp.wgsl"),
+    ),
+    (
+        "shadow_wedge_corners",
+        include_str!("../../shaders/shadow_wedge_corners.wgsl"),
+    ),
+    ("shadow_wedges", include_str!("../../shaders/shadow_wedges.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
+    ("shadow_area", include_str!("../../shaders/shadow_area.wgsl")),
+    ("shadow_depth", include_str!("../../shaders/shadow_depth.wgsl")),
+    ("shadow_nearest", include_str!("../../shaders/shadow_nearest.wgsl")),
+    ("shadow_pcf", include_str!("../../shaders/shadow_pcf.wgsl")),
+    ("shadow_pcss", include_str!("../../shaders/shadow_pcss.wgsl")),
     ("lab_shade", include_str!("../../shaders/lab_shade.wgsl")),
 ];
 

@@ -5,7 +5,7 @@ use super::readback::Readback;
 use crate::error::RenderError;
 
 /// Most passes timed in a frame.
-const MAX_PASSES: usize = 32;
+const MAX_PASSES: usize = 64;
 
 /// Time stamps around passes; does nothing where the adapter has none.
 #[derive(Debug)]

@@ -8,8 +8,6 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::Exposure;
 
-/// Most lights at once; shadow maps are made for all of them at start.
-pub const MAX_LIGHTS: usize = 144;
 /// Strong lights at most; those of `shaders/local_environment.wgsl`.
 pub const MAX_STRONG: usize = 6;
 /// Most virtual objects with an environment of their own; further ones share the last.
@@ -93,47 +91,14 @@ pub struct GpuProbe {
     pub ramps_px: Vec4,
 }
 
-/// One light (`Light` in `shared/lights.wgsl`).
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct GpuLight {
-    /// xyz: where it stands in the world, metres; w: filter radius in the phantoms' shadow map, texels.
-    pub position_m: Vec4,
-    /// xyz: intensity, so that irradiance = intensity cos θ / distance²; w: filter radius in the virtual objects' map.
-    pub intensity: Vec4,
-}
-
-/// Most spheres around virtual objects in [`GpuFrame`].
-pub const MAX_CASTER_SPHERES: usize = 4;
-
 /// What all fragments of a frame share (`Frame` in `shared/lights.wgsl`).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuFrame {
-    /// x: number of lights; y: filter taps per side (3, 5, 7); z: number of environments; w: shadow map size.
+    /// x: number of environments; y, z, w: unused.
     pub counts: [u32; 4],
     /// xyz: the mirror ball's centre, world; w: its radius, 0 when there is none.
     pub ball_m: Vec4,
-    /// Sphere that the phantoms' shadow maps cover: centre and radius, world, metres.
-    pub receivers_m: Vec4,
-    /// Sphere around the virtual objects, which their shadow maps cover.
-    pub virtuals_m: Vec4,
-    /// Sphere around everything: the maps' depth.
-    pub everything_m: Vec4,
-    /// Spheres around virtual objects; unused ones have a negative radius.
-    pub casters_m: [Vec4; MAX_CASTER_SPHERES],
-}
-
-/// What a light's shadow map shows (`Aim` in `shadow_map.wgsl`).
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct GpuAim {
-    /// xyz: the light, world, metres; w: edge of the map in texels.
-    pub position_m: Vec4,
-    /// Sphere that the map covers: centre and radius, world, metres.
-    pub receivers_m: Vec4,
-    /// Sphere whose depth it covers.
-    pub casters_m: Vec4,
 }
 
 /// Placement of one object (`Object` in `shared/lights.wgsl`).

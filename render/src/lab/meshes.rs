@@ -293,6 +293,8 @@ fn matt(base_color: [f32; 3]) -> Material {
         roughness: 1.0,
         dielectric_f0: [0.0; 3],
         dielectric_f90: 0.0,
+        transmission: 0.0,
+        ior: 1.5,
     }
 }
 

@@ -4,6 +4,7 @@
 mod dome_lights;
 pub mod lamp;
 pub mod meshes;
+mod paths;
 pub mod scenes;
 pub mod shading;
 pub mod show;
@@ -20,13 +21,15 @@ use crate::gpu::timer::Timer;
 use crate::scene::Scene;
 use crate::scene_gpu::{IndexRange, SceneBuffers};
 use crate::shadow::casters::Casters;
-use crate::shadow::dome::{Dome, DomeCasters, DomeJob};
+use crate::shadow::dome::{DomeCasters, DomeGather, DomeMaps, DomeSight, MapsJob};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::ShadowLight;
+use crate::shadow::path::PathSettings;
 use crate::shadow::surface::{Surface, SurfacePass};
 use crate::shadow::view::View;
 use crate::shadow::{Family, ShadowMethod};
 use mirrorball_calib::lights::LightTracker;
+use paths::Paths;
 use shading::Shading;
 
 /// Edge of a one-light method's shadow map where nothing else is asked for, texels.
@@ -52,10 +55,19 @@ pub struct Lab {
     shading: Shading,
     timer: Timer,
     key: Option<(ShadowMethod, u32, Box<dyn KeyShadow>)>,
-    dome: Option<(ShadowMethod, Dome)>,
+    paths: Paths,
+    dome: Option<(ShadowMethod, LabDome)>,
     tracker: LightTracker,
     /// Whether objects or camera have moved since the last picture.
     is_moved: bool,
+}
+
+/// The passes of a dome method.
+#[derive(Debug)]
+struct LabDome {
+    maps: DomeMaps,
+    sight: DomeSight,
+    gather: DomeGather,
 }
 
 /// A finished picture.
@@ -118,6 +130,7 @@ impl Lab {
             visibility_view,
             shading,
             key: None,
+            paths: Paths::default(),
             dome: None,
             tracker: dome_lights::stable_tracker(),
             is_moved: true,
@@ -148,6 +161,7 @@ impl Lab {
         self.placements.extend_from_slice(placements);
         self.buffers.place(&self.gpu, placements);
         self.casters.place(placements);
+        self.paths.forget_places();
         self.is_moved = true;
     }
 
@@ -157,7 +171,8 @@ impl Lab {
         self.is_moved = true;
     }
 
-    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass.
+    /// Draws a picture and leaves it on the GPU; returns milliseconds per pass. The path tracer takes
+    /// [`PathSettings::default`]; [`Lab::path_traced`] takes others.
     ///
     /// # Errors
     /// [`RenderError::Shadow`] where the method cannot serve, [`RenderError::Gpu`] when the device is lost.
@@ -177,21 +192,19 @@ impl Lab {
             (_, Some((method, dome))) => {
                 let bounds = self.casters.bounds();
                 let plan = dome_lights::plan(*method, (frame.light, frame.ambient), bounds, &mut self.tracker);
-                let job = DomeJob {
-                    scene: &self.buffers,
+                let job = MapsJob {
                     lights: &plan.lights,
-                    bounds,
-                    unshaded: plan.unshaded,
-                    unshaded_from: dome_lights::unshaded_from(*method),
+                    receivers: bounds,
+                    everything: bounds,
                     is_moved: self.is_moved,
                     refreshes_max: frame.refreshes_max,
                 };
-                dome.record(gpu, &mut encoder, &mut self.timer, &job);
-                encoder.copy_texture_to_texture(
-                    dome.irradiance().as_image_copy(),
-                    self.visibility.as_image_copy(),
-                    self.visibility.size(),
-                );
+                let timer = &mut self.timer;
+                let refreshed = dome.maps.record(gpu, &mut encoder, timer, &job);
+                dome.sight.record(gpu, &mut encoder, timer, (&dome.maps, refreshed));
+                let from = method.unshaded_from();
+                dome.gather
+                    .record(gpu, &mut encoder, timer, (&dome.maps, plan.unshaded, from));
             }
             (Some((_, _, method)), None) => {
                 let job = Job {
@@ -212,7 +225,13 @@ impl Lab {
         gpu.queue.submit([encoder.finish()]);
         self.is_moved = false;
         gpu.wait("drawing the shadow scene")?;
-        self.timer.read_ms(gpu)
+        let mut stages_ms = self.timer.read_ms(gpu)?;
+        if frame.method.family() == Family::Path {
+            let target = self.shading.radiance_view();
+            let picture = self.traced(frame, &PathSettings::default(), Some(&target))?;
+            stages_ms.extend(picture.stages_ms);
+        }
+        Ok(stages_ms)
     }
 
     /// Makes the passes of the frame's method, unless they are the last frame's.
@@ -220,17 +239,13 @@ impl Lab {
         let (method, map_size) = (frame.method, frame.map_size);
         if method.family() == Family::Dome {
             self.key = None;
-            if !self.dome.as_ref().is_some_and(|(m, _)| *m == method) {
+            if self.dome.as_ref().is_none_or(|(m, _)| *m != method) {
                 self.dome = Some((method, self.new_dome(method)?));
             }
             return Ok(());
         }
         self.dome = None;
-        if !self
-            .key
-            .as_ref()
-            .is_some_and(|(m, s, _)| (*m, *s) == (method, map_size))
-        {
+        if self.key.as_ref().is_none_or(|(m, s, _)| (*m, *s) != (method, map_size)) {
             self.key = method
                 .key_shadow(&self.gpu, map_size)?
                 .map(|passes| (method, map_size, passes));
@@ -238,15 +253,15 @@ impl Lab {
         Ok(())
     }
 
-    fn new_dome(&self, method: ShadowMethod) -> Result<Dome, RenderError> {
+    fn new_dome(&self, method: ShadowMethod) -> Result<LabDome, RenderError> {
+        let (gpu, surface) = (&self.gpu, self.surface.views());
         let texel_m = 2.0 * self.casters.bounds().radius_m / DOME_MAP_SIZE as f32;
-        let casters = DomeCasters::new(&self.gpu, &self.casters, texel_m)?;
-        let shape = (
-            dome_lights::mode(method),
-            dome_lights::lights_max(method),
-            DOME_MAP_SIZE,
-        );
-        Dome::new(&self.gpu, (&self.surface, &self.buffers), casters, shape)
+        let casters = DomeCasters::new(gpu, &self.casters, texel_m)?;
+        let mode = method.ray_mode();
+        let maps = DomeMaps::new(gpu, &self.buffers, casters, [method.dome_lights(), DOME_MAP_SIZE])?;
+        let sight = DomeSight::new(gpu, surface, &maps, mode)?;
+        let gather = DomeGather::new(gpu, surface, (&maps, &sight), (&self.visibility_view, mode));
+        Ok(LabDome { maps, sight, gather })
     }
 
     /// Draws a picture and reads it back.

@@ -84,6 +84,12 @@ impl Shading {
         pass.dispatch_workgroups(self.size_px[0].div_ceil(8), self.size_px[1].div_ceil(8), 1);
     }
 
+    /// Where the radiance goes.
+    #[must_use]
+    pub fn radiance_view(&self) -> wgpu::TextureView {
+        self.radiance.create_view(&wgpu::TextureViewDescriptor::default())
+    }
+
     /// The radiance, once submitted; rows from the top, w 1 where there is a surface.
     ///
     /// # Errors

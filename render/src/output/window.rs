@@ -1,4 +1,5 @@
-//! A live window: the picture, and in its title frame rate, latency from frame set to picture, and marker state. Escape quits.
+//! A live window: the picture, and in its title frame rate, latency from frame set to picture, and marker state. Escape quits, S goes to the
+//! next shadow method.
 
 use std::time::{Duration, Instant};
 
@@ -12,6 +13,7 @@ use crate::app::{App, Step};
 use crate::error::RenderError;
 use crate::node::RenderedFrame;
 use crate::output::screen::{Screen, failed};
+use crate::shadow::ShadowMethod;
 use crate::tracker::TrackedPose;
 
 /// How long the window waits for a frame before it looks at the keyboard again.
@@ -65,6 +67,16 @@ impl ApplicationHandler for Viewer<'_> {
                     },
                 ..
             } => self.stop(event_loop, Ok(())),
+            WindowEvent::KeyboardInput {
+                event:
+                    KeyEvent {
+                        logical_key: Key::Character(key),
+                        state: ElementState::Pressed,
+                        repeat: false,
+                        ..
+                    },
+                ..
+            } if key.eq_ignore_ascii_case("s") => self.next_shadow_method(event_loop),
             WindowEvent::Resized(size) => {
                 if let Some(shown) = &mut self.shown {
                     shown.resize(self.app.node().gpu(), [size.width, size.height]);
@@ -82,7 +94,8 @@ impl ApplicationHandler for Viewer<'_> {
         match self.app.step(PATIENCE) {
             Ok(Step::Rendered(frame)) => {
                 if let Some(shown) = &mut self.shown {
-                    shown.set_title(&self.rate.title(&frame));
+                    let method = self.app.node().shadow_method();
+                    shown.set_title(&format!("{}, shadows: {}", self.rate.title(&frame), method.name()));
                     let result = shown.show(self.app.node().gpu(), frame.size_px, &frame.rgba);
                     if let Err(error) = result {
                         self.stop(event_loop, Err(error));
@@ -96,12 +109,35 @@ impl ApplicationHandler for Viewer<'_> {
                 }
             }
             Ok(Step::Ended) => self.stop(event_loop, Ok(())),
+            Err(error @ RenderError::Shadow { .. }) => {
+                tracing::warn!("{error}; going on with the next method");
+                self.next_shadow_method(event_loop);
+            }
             Err(error) => self.stop(event_loop, Err(error)),
         }
     }
 }
 
 impl Viewer<'_> {
+    /// Changes to the next shadow method that can serve here.
+    fn next_shadow_method(&mut self, event_loop: &ActiveEventLoop) {
+        let mut method = self.app.node().shadow_method();
+        for _ in ShadowMethod::ALL {
+            method = method.next();
+            match self.app.set_shadow_method(method) {
+                Ok(()) => {
+                    tracing::info!(method = method.name(), "shadow method");
+                    return;
+                }
+                Err(error @ RenderError::Shadow { .. }) => tracing::warn!("{error}"),
+                Err(error) => {
+                    self.stop(event_loop, Err(error));
+                    return;
+                }
+            }
+        }
+    }
+
     fn stop(&mut self, event_loop: &ActiveEventLoop, result: Result<(), RenderError>) {
         if self.result.is_ok() {
             self.result = result;

@@ -1,19 +1,9 @@
-//! What the passes share that gather light from the key lights: lights, shadow maps, near light.
+//! What the passes share that put light from afar, past all shadows, together with light from near things.
 
 use crate::environments::Environments;
-use crate::gpu::Gpu;
-use crate::gpu::types::{GpuFrame, GpuLight, MAX_LIGHTS};
 use crate::scene_gpu::SceneBuffers;
 
-/// Buffers and views behind bindings 0 to 8 of `receive` and `shade`.
-#[derive(Debug)]
-pub struct DirectLight {
-    frame: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    depth_sampler: wgpu::Sampler,
-}
-
-/// What else those bindings need.
+/// What bindings 0 to 5 of `receive` and `shade` need.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// The scene camera, uniform.
@@ -22,49 +12,32 @@ pub struct Inputs<'a> {
     pub scene: &'a SceneBuffers,
     /// Light around the virtual objects.
     pub environments: &'a Environments,
-    /// Shadow maps of the phantoms.
-    pub phantom_maps: &'a wgpu::TextureView,
-    /// Shadow maps of the virtual objects.
-    pub virtual_maps: &'a wgpu::TextureView,
+    /// Light from afar on the surfaces that the pass draws.
+    pub light: &'a ShadowedLight,
 }
 
-impl DirectLight {
-    /// Room for [`MAX_LIGHTS`] lights.
-    #[must_use]
-    pub fn new(gpu: &Gpu) -> Self {
-        let zeroed_light = <GpuLight as bytemuck::Zeroable>::zeroed();
-        Self {
-            frame: gpu.buffer("direct light: frame", &[<GpuFrame as bytemuck::Zeroable>::zeroed()]),
-            lights: gpu.buffer("direct light: lights", &[zeroed_light; MAX_LIGHTS]),
-            depth_sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("direct light: depth comparison"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                compare: Some(wgpu::CompareFunction::LessEqual),
-                ..wgpu::SamplerDescriptor::default()
-            }),
-        }
-    }
+/// Irradiance from afar on what one pass draws, per pixel of the camera's picture; linear RGB.
+#[derive(Debug)]
+pub struct ShadowedLight {
+    /// Past the real things alone.
+    pub without: wgpu::TextureView,
+    /// Past all objects.
+    pub with_virtual: wgpu::TextureView,
+    /// xyz: place of the surface it belongs to, world, metres; w: 1 where there is one.
+    pub place: wgpu::TextureView,
+    /// xyz: its unit normal, world.
+    pub normal: wgpu::TextureView,
+}
 
-    /// Uploads a frame's lights.
-    pub fn write(&self, gpu: &Gpu, frame: &GpuFrame, lights: &[GpuLight]) {
-        gpu.write(&self.frame, &[*frame]);
-        gpu.write(&self.lights, lights);
-    }
-
-    /// Bindings 0 to 8, in order.
-    #[must_use]
-    pub fn resources<'a>(&'a self, inputs: Inputs<'a>) -> Vec<wgpu::BindingResource<'a>> {
-        vec![
-            inputs.camera.as_entire_binding(),
-            self.frame.as_entire_binding(),
-            self.lights.as_entire_binding(),
-            inputs.scene.objects.as_entire_binding(),
-            inputs.environments.all.as_entire_binding(),
-            inputs.environments.near_sh.as_entire_binding(),
-            wgpu::BindingResource::TextureView(inputs.phantom_maps),
-            wgpu::BindingResource::TextureView(inputs.virtual_maps),
-            wgpu::BindingResource::Sampler(&self.depth_sampler),
-        ]
-    }
+/// Bindings 0 to 5, in order.
+#[must_use]
+pub fn resources(inputs: Inputs<'_>) -> Vec<wgpu::BindingResource<'_>> {
+    vec![
+        inputs.camera.as_entire_binding(),
+        inputs.scene.objects.as_entire_binding(),
+        inputs.environments.all.as_entire_binding(),
+        inputs.environments.near_sh.as_entire_binding(),
+        wgpu::BindingResource::TextureView(&inputs.light.without),
+        wgpu::BindingResource::TextureView(&inputs.light.with_virtual),
+    ]
 }

@@ -9,6 +9,7 @@ pub mod harmonics;
 pub mod highlight;
 pub mod irradiance;
 pub mod irradiance_cube;
+pub mod lens_surface;
 pub(crate) mod lobe_sum;
 pub mod local_environment;
 pub mod prefilter_phong;

@@ -1,9 +1,10 @@
 //! Phantoms receive the shadows of virtual objects: a ratio per pixel.
 
-use super::direct::{DirectLight, Inputs};
+use super::direct::{self, Inputs};
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, RasterState, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
+use crate::gpu::types::GpuFrame;
 use crate::scene_gpu::SceneBuffers;
 
 /// The pass with its target.
@@ -11,13 +12,14 @@ use crate::scene_gpu::SceneBuffers;
 pub struct Receive {
     pipeline: wgpu::RenderPipeline,
     bindings: wgpu::BindGroup,
+    frame: wgpu::Buffer,
     target: wgpu::TextureView,
 }
 
 impl Receive {
     /// A pass for pictures of `size_px`.
     #[must_use]
-    pub fn new(gpu: &Gpu, direct: &DirectLight, inputs: Inputs<'_>, size_px: [u32; 2]) -> Self {
+    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, size_px: [u32; 2]) -> Self {
         let state = RasterState {
             targets: &[RADIANCE_FORMAT],
             samples: 1,
@@ -25,13 +27,22 @@ impl Receive {
             cull: None,
         };
         let pipeline = gpu.render_pipeline("receive", &state);
-        let bindings = gpu.bind("receive", &pipeline.get_bind_group_layout(0), &direct.resources(inputs));
+        let frame = gpu.buffer("receive: frame", &[<GpuFrame as bytemuck::Zeroable>::zeroed()]);
+        let mut resources = direct::resources(inputs);
+        resources.push(frame.as_entire_binding());
+        let bindings = gpu.bind("receive", &pipeline.get_bind_group_layout(0), &resources);
         let target = gpu.texture("receive: ratio", TextureShape::plain(size_px), RADIANCE_FORMAT);
         Self {
             pipeline,
             bindings,
+            frame,
             target: target.create_view(&wgpu::TextureViewDescriptor::default()),
         }
+    }
+
+    /// Uploads what a frame's pixels share.
+    pub fn write(&self, gpu: &Gpu, frame: &GpuFrame) {
+        gpu.write(&self.frame, &[*frame]);
     }
 
     /// Ratio on phantoms, alpha 1 where there is one.

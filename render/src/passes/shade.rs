@@ -1,6 +1,6 @@
 //! Virtual objects as radiance, with smooth edges.
 
-use super::direct::{DirectLight, Inputs};
+use super::direct::{self, Inputs};
 use crate::config::{DiffuseMethod, LightConfig, SpecularMethod};
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, RasterState, TextureShape};
@@ -50,12 +50,7 @@ fn specular_constant(method: SpecularMethod) -> f64 {
 impl Shade {
     /// A pass for `target`; `sampler` is linear and clamped.
     #[must_use]
-    pub fn new(
-        gpu: &Gpu,
-        direct: &DirectLight,
-        inputs: Inputs<'_>,
-        (sampler, target): (&wgpu::Sampler, ShadeTarget),
-    ) -> Self {
+    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, (sampler, target): (&wgpu::Sampler, ShadeTarget)) -> Self {
         let state = RasterState {
             targets: &[RADIANCE_FORMAT],
             samples: SAMPLES,
@@ -82,7 +77,7 @@ impl Shade {
                 dimension: Some(wgpu::TextureViewDimension::D2Array),
                 ..wgpu::TextureViewDescriptor::default()
             });
-        let mut resources = direct.resources(inputs);
+        let mut resources = direct::resources(inputs);
         resources.extend([
             inputs.scene.materials.as_entire_binding(),
             wgpu::BindingResource::TextureView(&inputs.environments.specular_view),
@@ -92,6 +87,8 @@ impl Shade {
             wgpu::BindingResource::TextureView(&inputs.environments.irradiance_view),
             inputs.environments.harmonics.as_entire_binding(),
             wgpu::BindingResource::TextureView(&sphere_maps),
+            wgpu::BindingResource::TextureView(&inputs.light.place),
+            wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
         let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
         let radiance = |samples| {

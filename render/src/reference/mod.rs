@@ -6,6 +6,7 @@
 
 pub mod composite;
 pub mod cylindrical;
+pub mod dome_maps;
 pub mod downsample;
 pub mod harmonics;
 pub mod highlight;
@@ -16,7 +17,8 @@ pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod receive;
 pub mod separable_blur;
-pub mod shadow_map;
+pub mod shadow_rays;
+pub mod shadow_wedges;
 pub mod sphere_map;
 
 /// Probe picture to radiance cube: `calib` needs it as well, for single pictures.

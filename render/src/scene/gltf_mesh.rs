@@ -33,7 +33,7 @@ pub struct BaseColorTexture {
     pub rgba: Vec<u8>,
 }
 
-/// Metallic-roughness material of glTF 2.0 with KHR_materials_specular.
+/// Metallic-roughness material of glTF 2.0 with KHR_materials_specular, KHR_materials_ior and KHR_materials_transmission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Linear base colour factor.
@@ -44,10 +44,16 @@ pub struct Material {
     pub metallic: f32,
     /// Perceptual roughness, 0 ..= 1; GGX alpha is its square.
     pub roughness: f32,
-    /// Reflectance of a dielectric at normal incidence, linear RGB: 0.04 times the extension's factors.
+    /// Reflectance of a dielectric at normal incidence, linear RGB: that of its index of refraction times the extension's
+    /// factors.
     pub dielectric_f0: [f32; 3],
     /// Reflectance of a dielectric at grazing incidence: the extension's factor, 1 without it.
     pub dielectric_f90: f32,
+    /// Share of the light that enters a dielectric and goes through it, 0 ..= 1. Only the path tracer draws it: smooth
+    /// glass, of a closed mesh.
+    pub transmission: f32,
+    /// Index of refraction, 1 or more.
+    pub ior: f32,
 }
 
 /// Triangles of an object.
@@ -238,10 +244,16 @@ fn smooth_normals(positions: &[Vec3], indices: &[u32]) -> Vec<Vec3> {
 fn read_material(material: &gltf::Material<'_>, payload: &Payload<'_>) -> Result<Material, String> {
     let pbr = material.pbr_metallic_roughness();
     let [r, g, b, _] = pbr.base_color_factor();
-    let dielectric_f0 = material.specular().map_or([0.04; 3], |specular| {
+    let ior = material.ior().unwrap_or(1.5);
+    if !(ior == 0.0 || (1.0..1e3).contains(&ior)) {
+        return Err(format!("an index of refraction of {ior}; it is 1 or more"));
+    }
+    // 0 stands for a surface that reflects everything (KHR_materials_ior).
+    let f0 = material.ior().map_or(0.04, |ior| ((ior - 1.0) / (ior + 1.0)).powi(2));
+    let dielectric_f0 = material.specular().map_or([f0; 3], |specular| {
         specular
             .specular_color_factor()
-            .map(|c| (0.04 * c).min(1.0) * specular.specular_factor())
+            .map(|c| (f0 * c).min(1.0) * specular.specular_factor())
     });
     let base_color_texture = match pbr.base_color_texture() {
         Some(info) => Some(read_texture(&info.texture(), payload)?),
@@ -254,6 +266,8 @@ fn read_material(material: &gltf::Material<'_>, payload: &Payload<'_>) -> Result
         roughness: pbr.roughness_factor(),
         dielectric_f0,
         dielectric_f90: material.specular().map_or(1.0, |specular| specular.specular_factor()),
+        transmission: material.transmission().map_or(0.0, |t| t.transmission_factor()),
+        ior: ior.max(1.0),
     })
 }
 

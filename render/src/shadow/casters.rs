@@ -27,6 +27,8 @@ pub struct Caster {
     pub mesh: Mesh,
     /// Where it stands.
     pub world_from_object: Affine3A,
+    /// Lowest and highest corner of the box around it in its own frame.
+    box_m: [Vec3; 2],
     /// Sphere around it in its own frame.
     sphere: Sphere,
 }
@@ -45,12 +47,14 @@ impl Casters {
             .iter()
             .map(|&index| {
                 let object = &scene.objects[index];
+                let box_m = box_around(&object.mesh);
                 Caster {
                     name: object.name.clone(),
                     index,
                     mesh: object.mesh.clone(),
                     world_from_object: placements[index],
-                    sphere: sphere_around(&object.mesh),
+                    box_m,
+                    sphere: sphere_around(&object.mesh, box_m),
                 }
             })
             .collect();
@@ -93,24 +97,50 @@ impl Caster {
         }
     }
 
+    /// Corners of a box around it, world frame.
+    #[must_use]
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|i| {
+            let corner = Vec3::from_array([0, 1, 2].map(|axis| self.box_m[(i >> axis) & 1][axis]));
+            self.world_from_object.transform_point3(corner)
+        })
+    }
+
     /// Its triangles in the world frame, metres.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
-        self.mesh.indices.chunks_exact(3).map(|triangle| {
-            [0, 1, 2].map(|i| {
-                let vertex = &self.mesh.vertices[triangle[i] as usize];
-                self.world_from_object.transform_point3(Vec3::from(vertex.position))
-            })
-        })
+        self.own_triangles()
+            .map(|corners| corners.map(|corner| self.world_from_object.transform_point3(corner)))
+    }
+
+    /// Its triangles in its own frame, metres.
+    pub fn own_triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        let corner = |i: u32| Vec3::from(self.mesh.vertices[i as usize].position);
+        self.mesh
+            .indices
+            .chunks_exact(3)
+            .map(move |triangle| [triangle[0], triangle[1], triangle[2]].map(corner))
     }
 }
 
-fn sphere_around(mesh: &Mesh) -> Sphere {
-    let points = || mesh.vertices.iter().map(|v| Vec3::from(v.position));
-    let low = points().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
-    let high = points().reduce(Vec3::max).unwrap_or(Vec3::ZERO);
+/// The box around the points that are finite numbers.
+fn box_around(mesh: &Mesh) -> [Vec3; 2] {
+    [
+        finite_points(mesh).reduce(Vec3::min).unwrap_or(Vec3::ZERO),
+        finite_points(mesh).reduce(Vec3::max).unwrap_or(Vec3::ZERO),
+    ]
+}
+
+fn sphere_around(mesh: &Mesh, [low, high]: [Vec3; 2]) -> Sphere {
     let center_m = 0.5 * (low + high);
     Sphere {
         center_m,
-        radius_m: points().map(|p| p.distance(center_m)).fold(0.0, f32::max),
+        radius_m: finite_points(mesh).map(|p| p.distance(center_m)).fold(0.0, f32::max),
     }
+}
+
+fn finite_points(mesh: &Mesh) -> impl Iterator<Item = Vec3> + '_ {
+    mesh.vertices
+        .iter()
+        .map(|v| Vec3::from(v.position))
+        .filter(|p| p.is_finite())
 }

@@ -2,11 +2,17 @@
 
 use std::str::FromStr;
 
+use super::area::{AreaShadow, N_REFERENCE};
+use super::attenuation::AttenuationMaps;
 use super::blob::BlobShadow;
 use super::haller::HallerShadow;
 use super::key::KeyShadow;
+use super::pcf::{PcfShadow, Taps};
+use super::pcss::PcssShadow;
 use super::planar::PlanarShadow;
 use super::volume::{Counting, VolumeShadow};
+use super::wedge_light::Coverage;
+use super::wedges::Wedges;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 
@@ -37,8 +43,10 @@ pub enum ShadowMethod {
     Pcf49,
     /// Shadow map, filter as wide as the penumbra (D8).
     Pcss,
-    /// Soft shadow volumes with penumbra wedges (D9).
+    /// Soft shadow volumes with penumbra wedges, light samples counted (D9).
     Wedges,
+    /// The same with areas summed, as first published: shadows that overlap add up (D9).
+    WedgesSummed,
     /// Layered attenuation maps (D17).
     AttenuationMaps,
     /// Many hard shadows from places all over an area light: the reference of one light (D16).
@@ -76,7 +84,7 @@ pub enum Family {
 
 impl ShadowMethod {
     /// All methods, in the order in which a window's key goes through them.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::None,
         Self::Blob,
         Self::Planar,
@@ -90,6 +98,7 @@ impl ShadowMethod {
         Self::Pcf49,
         Self::Pcss,
         Self::Wedges,
+        Self::WedgesSummed,
         Self::AttenuationMaps,
         Self::Area,
         Self::Dome16,
@@ -120,6 +129,7 @@ impl ShadowMethod {
             Self::Pcf49 => "pcf49",
             Self::Pcss => "pcss",
             Self::Wedges => "wedges",
+            Self::WedgesSummed => "wedges-summed",
             Self::AttenuationMaps => "attenuation-maps",
             Self::Area => "area",
             Self::Dome16 => "dome16",
@@ -164,7 +174,6 @@ impl ShadowMethod {
     /// # Errors
     /// [`RenderError::Shadow`] where this adapter cannot.
     pub fn key_shadow(self, gpu: &Gpu, map_size: u32) -> Result<Option<Box<dyn KeyShadow>>, RenderError> {
-        let _ = map_size;
         Ok(match self {
             Self::Blob => Some(Box::new(BlobShadow::new(gpu))),
             Self::Planar => Some(Box::new(PlanarShadow::new(gpu, PlanarShadow::HARD))),
@@ -172,6 +181,15 @@ impl ShadowMethod {
             Self::VolumeZPass => Some(Box::new(VolumeShadow::new(gpu, Counting::InFront))),
             Self::VolumeZFail => Some(Box::new(VolumeShadow::new(gpu, Counting::Behind))),
             Self::Haller => Some(Box::new(HallerShadow::new(gpu))),
+            Self::Wedges => Some(Box::new(Wedges::new(gpu, Coverage::Counted))),
+            Self::WedgesSummed => Some(Box::new(Wedges::new(gpu, Coverage::Summed))),
+            Self::AttenuationMaps => Some(Box::new(AttenuationMaps::new(gpu, map_size)?)),
+            Self::Map => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::One))),
+            Self::Pcf9 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::Nine))),
+            Self::Pcf25 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::TwentyFive))),
+            Self::Pcf49 => Some(Box::new(PcfShadow::new(gpu, map_size, Taps::FortyNine))),
+            Self::Pcss => Some(Box::new(PcssShadow::new(gpu, map_size))),
+            Self::Area => Some(Box::new(AreaShadow::new(gpu, map_size, N_REFERENCE))),
             _ => None,
         })
     }

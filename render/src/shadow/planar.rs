@@ -10,11 +10,12 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec3, Vec4};
+use rayon::prelude::*;
 
 use super::casters::Casters;
 use super::key::{Job, KeyShadow};
 use super::light::ShadowLight;
-use super::planes::{FLATNESS_M, Plane, dominant_planes};
+use super::planes::{FLATNESS_M, FlatParts, Plane, dominant_planes};
 use super::stencil::lit;
 use super::surface::DEPTH_STENCIL_FORMAT;
 use super::volume_mesh::{MeshKey, mesh_key};
@@ -53,10 +54,12 @@ pub struct PlanarShadow {
     receivers: Vec<Receivers>,
 }
 
-/// The receivers' planes, as long as the receivers stand still.
+/// A set of receivers and where their planes were last.
 #[derive(Debug)]
 struct Receivers {
-    placements: Vec<(MeshKey, Affine3A)>,
+    key: Vec<MeshKey>,
+    parts: Vec<FlatParts>,
+    placements: Vec<Affine3A>,
     planes: Vec<(Vec4, wgpu::Buffer, u32)>,
 }
 
@@ -108,23 +111,31 @@ impl PlanarShadow {
         }
     }
 
-    /// Puts these receivers first, their planes found anew when something moved.
+    /// Puts these receivers first, and their planes where they are now.
     fn find_planes(&mut self, gpu: &Gpu, receivers: &Casters) {
-        let objects = receivers.objects.iter();
-        let placements: Vec<(MeshKey, Affine3A)> = objects.map(|o| (mesh_key(o), o.world_from_object)).collect();
-        let upload = |found: &Plane| {
-            let buffer = gpu.buffer("shadow_planar: receiver", found.triangles.as_flattened());
-            (found.plane, buffer, 3 * found.triangles.len() as u32)
-        };
-        let found = match self.receivers.iter().position(|known| known.placements == placements) {
+        let objects = &receivers.objects;
+        let key: Vec<MeshKey> = objects.iter().map(mesh_key).collect();
+        let mut set = match self.receivers.iter().position(|known| known.key == key) {
             Some(at) => self.receivers.remove(at),
             None => Receivers {
-                placements,
-                planes: dominant_planes(receivers.triangles()).iter().map(upload).collect(),
+                key,
+                parts: objects.par_iter().map(|o| FlatParts::new(o.own_triangles())).collect(),
+                placements: Vec::new(),
+                planes: Vec::new(),
             },
         };
+        let placements: Vec<Affine3A> = objects.iter().map(|o| o.world_from_object).collect();
+        if set.placements != placements {
+            let upload = |found: &Plane| {
+                let buffer = gpu.buffer("shadow_planar: receiver", found.triangles.as_flattened());
+                (found.plane, buffer, 3 * found.triangles.len() as u32)
+            };
+            let placed = set.parts.iter().zip(placements.iter().copied());
+            set.planes = dominant_planes(placed).iter().map(upload).collect();
+            set.placements = placements;
+        }
         self.receivers.truncate(MAX_SETS - 1);
-        self.receivers.insert(0, found);
+        self.receivers.insert(0, set);
     }
 
     /// Places on the light, homogeneous.

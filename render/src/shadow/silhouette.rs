@@ -281,7 +281,7 @@ fn welded(mesh: &Mesh) -> (Vec<Vec3>, Vec<u32>) {
 fn plane_of(corners: [Vec3; 3]) -> Option<Vec4> {
     /// Least ratio of a triangle's area to the square of its longest side.
     const THINNEST: f64 = 1e-9;
-    let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     let normal = (b - a).cross(c - a);
     let longest = (b - a)
         .length_squared()

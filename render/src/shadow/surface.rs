@@ -147,7 +147,28 @@ impl SurfacePass {
     }
 }
 
+/// Places and normals of a surface, per pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceViews<'a> {
+    /// xyz: place, world, metres; w: 1 where there is one, else 0.
+    pub place: &'a wgpu::TextureView,
+    /// xyz: unit normal, world; w: index of the object.
+    pub normal: &'a wgpu::TextureView,
+    /// Columns and rows.
+    pub size_px: [u32; 2],
+}
+
 impl Surface {
+    /// Its places and normals.
+    #[must_use]
+    pub fn views(&self) -> SurfaceViews<'_> {
+        SurfaceViews {
+            place: &self.place,
+            normal: &self.normal,
+            size_px: self.view.size_px,
+        }
+    }
+
     /// Moves the camera; the picture keeps its size.
     pub fn set_view(&mut self, gpu: &Gpu, view: &View) {
         self.view = View {

@@ -78,5 +78,7 @@ fn grey() -> Material {
         roughness: 1.0,
         dielectric_f0: [0.0; 3],
         dielectric_f90: 0.0,
+        transmission: 0.0,
+        ior: 1.5,
     }
 }

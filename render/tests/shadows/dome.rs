@@ -2,9 +2,15 @@
 
 use glam::Vec3;
 use mirrorball_render::gpu::Gpu;
+use mirrorball_render::gpu::readback::Readback;
+use mirrorball_render::gpu::timer::Timer;
 use mirrorball_render::lab::{Lab, LabFrame, MAP_SIZE};
+use mirrorball_render::passes::shadow_map::ShadowView;
+use mirrorball_render::reference::dome_maps::stored_depth;
 use mirrorball_render::scene::occluders::Occluders;
-use mirrorball_render::shadow::dome::hemisphere;
+use mirrorball_render::scene_gpu::SceneBuffers;
+use mirrorball_render::shadow::casters::Casters;
+use mirrorball_render::shadow::dome::{DomeCasters, DomeLight, DomeMaps, MapsJob, hemisphere};
 use mirrorball_render::shadow::light::ShadowLight;
 use mirrorball_render::shadow::view::View;
 use mirrorball_render::shadow::{Family, ShadowMethod};
@@ -132,4 +138,73 @@ fn one_map_a_frame_comes_to_the_same_in_the_end() {
         mean(&differences),
         mean(&at_once)
     );
+}
+
+#[test]
+fn maps_hold_the_depths_that_rays_find() {
+    const SIZE: u32 = 128;
+    let gpu = Gpu::open().unwrap();
+    let block = blocks::block(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, 0.2));
+    let (scene, placements) = blocks::scene_of(&[("floor", blocks::floor(1.0)), ("block", block)]);
+    let buffers = SceneBuffers::placed(&gpu, &scene, &placements, f32::INFINITY).unwrap();
+    let casters = Casters::new(&gpu, &buffers, (&scene, &placements), |_| true);
+    let bounds = casters.bounds();
+    let lights: Vec<DomeLight> = hemisphere(9)
+        .into_iter()
+        .map(|direction| DomeLight {
+            position_m: 3.0 * direction,
+            intensity: Vec3::ONE,
+            angular_radius_rad: 0.1,
+        })
+        .collect();
+    let small = DomeCasters::new(&gpu, &casters, 2.0 * bounds.radius_m / SIZE as f32).unwrap();
+    let mut maps = DomeMaps::new(&gpu, &buffers, small, [9, SIZE]).unwrap();
+    let job = MapsJob {
+        lights: &lights,
+        receivers: bounds,
+        everything: bounds,
+        is_moved: false,
+        refreshes_max: usize::MAX,
+    };
+    let readback = Readback::new(&gpu, "maps", u64::from(9 * SIZE * SIZE * 4));
+    let mut encoder = gpu
+        .device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    let mut timer = Timer::new(&gpu);
+    assert_eq!(maps.record(&gpu, &mut encoder, &mut timer, &job), 0..9);
+    encoder.copy_buffer_to_buffer(maps.maps(), 0, readback.buffer(), 0, None);
+    readback.record(&mut encoder);
+    assert_eq!(
+        maps.record(&gpu, &mut encoder, &mut timer, &job),
+        0..0,
+        "maps that show what they should are kept"
+    );
+    gpu.queue.submit([encoder.finish()]);
+    let mut drawn = vec![0.0f32; (9 * SIZE * SIZE) as usize];
+    readback.read(&gpu, &mut drawn).unwrap();
+    let occluders = Occluders::new(casters.triangles());
+    for (light, drawn) in lights.iter().zip(drawn.chunks_exact((SIZE * SIZE) as usize)) {
+        let view = ShadowView::new(light.position_m, (bounds, bounds), SIZE);
+        let cast = stored_depth(&view, &occluders, SIZE);
+        let [near_m, far_m] = view.depth_m;
+        let metres = |stored: f32| near_m * far_m / (far_m - (1.0 - stored) * (far_m - near_m));
+        let differ = drawn
+            .iter()
+            .zip(&cast)
+            .filter(|(a, b)| (**a > 0.0) != (**b > 0.0))
+            .count();
+        assert!(
+            differ < drawn.len() / 100,
+            "{differ} texels differ in whether anything is there"
+        );
+        let both: Vec<f32> = drawn
+            .iter()
+            .zip(&cast)
+            .filter(|(a, b)| **a > 0.0 && **b > 0.0)
+            .map(|(a, b)| (metres(*a) - metres(*b)) / view.texel_m)
+            .collect();
+        // The drawn map lies deeper by half a texel's slope: 3 texels for a floor seen at 10 degrees.
+        let off = both.iter().filter(|e| **e < -0.1 || **e > 8.0).count();
+        assert!(off < both.len() / 100, "{off} of {} texels are off", both.len());
+    }
 }

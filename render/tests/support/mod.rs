@@ -158,6 +158,8 @@ pub(crate) fn diffuse(albedo: f32) -> Material {
         roughness: 1.0,
         dielectric_f0: [0.0; 3],
         dielectric_f90: 0.0,
+        transmission: 0.0,
+        ior: 1.5,
     }
 }
 

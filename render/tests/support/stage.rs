@@ -3,20 +3,24 @@
 use glam::{Vec3, Vec4};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
-use mirrorball_render::config::LightConfig;
+use mirrorball_render::config::{LightConfig, ShadowConfig};
 use mirrorball_render::environments::Environments;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::timer::Timer;
-use mirrorball_render::gpu::types::{GpuAim, GpuCamera, GpuFrame, GpuLight};
+use mirrorball_render::gpu::types::{GpuCamera, GpuFrame};
 use mirrorball_render::passes::camera_depth::CameraDepth;
-use mirrorball_render::passes::direct::{DirectLight, Inputs};
+use mirrorball_render::passes::direct::Inputs;
 use mirrorball_render::passes::receive::Receive;
 use mirrorball_render::passes::shade::{SAMPLES, Shade, ShadeTarget};
-use mirrorball_render::passes::shadow_map::{ShadowMapPass, ShadowMaps, ShadowWork, Sphere, enclosing};
+use mirrorball_render::probe::Light;
+use mirrorball_render::probe::meter::MeterFit;
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
+use mirrorball_render::scene_shadows::{SceneShadows, ShadowFrame};
 
 use super::{EXPOSURE, occluders};
+use mirrorball_calib::lights::KeyLight;
+use mirrorball_calib::probe::cube::Cube;
 
 /// Everything between a scene and its shaded pixels.
 pub(crate) struct Stage {
@@ -26,15 +30,9 @@ pub(crate) struct Stage {
     pub(crate) environments: Environments,
     pub(crate) camera: wgpu::Buffer,
     pub(crate) depth: CameraDepth,
-    pub(crate) direct: DirectLight,
-    pub(crate) shadow_map: ShadowMapPass,
-    pub(crate) phantom_maps: ShadowMaps,
-    pub(crate) virtual_maps: ShadowMaps,
+    pub(crate) shadows: SceneShadows,
     pub(crate) receive: Receive,
     pub(crate) shade: Shade,
-    pub(crate) virtuals: Sphere,
-    pub(crate) everything: Sphere,
-    map_size: u32,
 }
 
 impl Stage {
@@ -45,37 +43,30 @@ impl Stage {
         let size_px = rig.scene_camera().intrinsics.size_px;
         let camera = gpu.buffer("test: camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]);
         let depth = CameraDepth::new(&gpu, &camera, &buffers, (size_px, SAMPLES));
-        let direct = DirectLight::new(&gpu);
-        let shadow_map = ShadowMapPass::new(&gpu);
-        let phantom_maps = shadow_map.maps(&gpu, "test: phantoms", &buffers, [map_size, n_lights]);
-        let virtual_maps = shadow_map.maps(&gpu, "test: virtuals", &buffers, [map_size, n_lights]);
-        let inputs = Inputs {
+        let config = ShadowConfig {
+            map_size,
+            dome_lights: n_lights,
+            bright_lights: 0,
+            ..ShadowConfig::default()
+        };
+        let shadows = SceneShadows::new(&gpu, (scene, &buffers), (rig, &camera), config).expect("the test scene fits");
+        let inputs = |light| Inputs {
             camera: &camera,
             scene: &buffers,
             environments: &environments,
-            phantom_maps: &phantom_maps.view,
-            virtual_maps: &virtual_maps.view,
+            light,
         };
-        let receive = Receive::new(&gpu, &direct, inputs, size_px);
+        let receive = Receive::new(&gpu, inputs(shadows.on_phantoms()), size_px);
         let target = ShadeTarget {
             size_px,
             light: LightConfig::default(),
         };
-        let shade = Shade::new(&gpu, &direct, inputs, (&gpu.linear_sampler(), target));
-        let spheres = |kind: Option<Kind>| {
-            let sphere = |object: &mirrorball_render::scene::Object| {
-                let (center_m, radius_m) = object.bounding_sphere(rig);
-                Sphere { center_m, radius_m }
-            };
-            let all: Vec<Sphere> = scene
-                .objects
-                .iter()
-                .filter(|o| kind.is_none_or(|k| o.kind == k))
-                .map(sphere)
-                .collect();
-            enclosing(&all).expect("the scene is not empty")
-        };
-        let (virtuals, everything) = (spheres(Some(Kind::Virtual)), spheres(None));
+        let shade = Shade::new(
+            &gpu,
+            &direct,
+            inputs(shadows.on_virtuals()),
+            (&gpu.linear_sampler(), target),
+        );
         Self {
             timer: Timer::new(&gpu),
             gpu,
@@ -83,15 +74,9 @@ impl Stage {
             environments,
             camera,
             depth,
-            direct,
-            shadow_map,
-            phantom_maps,
-            virtual_maps,
+            shadows,
             receive,
             shade,
-            virtuals,
-            everything,
-            map_size,
         }
     }
 
@@ -106,11 +91,10 @@ impl Stage {
             camera: &self.camera,
             scene: &self.buffers,
             environments: &self.environments,
-            phantom_maps: &self.phantom_maps.view,
-            virtual_maps: &self.virtual_maps.view,
+            light: self.shadows.on_virtuals(),
         };
-        self.shade = Shade::new(&self.gpu, &self.direct, inputs, (&self.gpu.linear_sampler(), target));
-        self.ratios(rig, camera_from_world, &[], self.everything);
+        self.shade = Shade::new(&self.gpu, inputs, (&self.gpu.linear_sampler(), target));
+        self.ratios(rig, camera_from_world, &[]);
         let mut encoder = self
             .gpu
             .device
@@ -125,63 +109,29 @@ impl Stage {
             .collect()
     }
 
-    /// Aims of shadow maps that cover `receivers`.
-    pub(crate) fn aims(&self, lights: &[GpuLight], receivers: Sphere) -> Vec<Option<GpuAim>> {
-        let aim = |light: &GpuLight| {
-            Some(GpuAim {
-                position_m: light.position_m.truncate().extend(self.map_size as f32),
-                receivers_m: receivers.to_vec4(),
-                casters_m: self.everything.to_vec4(),
-            })
-        };
-        lights.iter().map(aim).collect()
-    }
-
-    /// The phantoms' ratios as `camera_from_world` sees them, drawn through shadow maps, depth and receive pass.
-    pub(crate) fn ratios(
-        &mut self,
-        rig: &Rig,
-        camera_from_world: &Pose,
-        lights: &[GpuLight],
-        receivers: Sphere,
-    ) -> Vec<Vec4> {
+    /// The phantoms' ratios as `camera_from_world` sees them, lit by lights around the origin.
+    pub(crate) fn ratios(&mut self, rig: &Rig, camera_from_world: &Pose, lights: &[KeyLight]) -> Vec<Vec4> {
         let camera = GpuCamera::new(rig.scene_camera(), camera_from_world, &EXPOSURE, [0.02, 20.0]);
         self.gpu.write(&self.camera, &[camera]);
-        let mut casters_m = [Vec4::new(0.0, 0.0, 0.0, -1.0); 4];
-        casters_m[0] = self.virtuals.to_vec4() + Vec4::W * 0.01;
         let frame = GpuFrame {
-            counts: [
-                lights.len() as u32,
-                3,
-                self.environments.slots.len() as u32,
-                self.map_size,
-            ],
+            counts: [self.environments.slots.len() as u32, 0, 0, 0],
             ball_m: Vec4::ZERO,
-            receivers_m: receivers.to_vec4(),
-            virtuals_m: self.virtuals.to_vec4(),
-            everything_m: self.everything.to_vec4(),
-            casters_m,
         };
-        self.direct.write(&self.gpu, &frame, lights);
-        let (phantom_aims, virtual_aims) = (self.aims(lights, receivers), self.aims(lights, self.virtuals));
+        self.receive.write(&self.gpu, &frame);
         let mut encoder = self
             .gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let work = ShadowWork {
-            maps: &mut self.phantom_maps,
+        let light = light_of(lights);
+        let shadow_frame = ShadowFrame {
             scene: &self.buffers,
-            casters: &self.buffers.phantoms,
-            aims: &phantom_aims,
+            light: &light,
+            probe_m: Vec3::ZERO,
+            camera_from_world,
         };
-        self.shadow_map.record(&self.gpu, &mut encoder, &mut self.timer, work);
-        let work = ShadowWork {
-            maps: &mut self.virtual_maps,
-            scene: &self.buffers,
-            casters: &self.buffers.virtuals,
-            aims: &virtual_aims,
-        };
-        self.shadow_map.record(&self.gpu, &mut encoder, &mut self.timer, work);
+        self.shadows
+            .record(&self.gpu, &mut encoder, &mut self.timer, &shadow_frame)
+            .expect("the default method takes all lights");
         self.depth.record(&mut encoder, &mut self.timer, &self.buffers);
         self.receive
             .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.single());
@@ -193,11 +143,35 @@ impl Stage {
     }
 }
 
-/// A light at `position_m` that gives white `irradiance` at the origin, shadows compared with one tap.
-pub(crate) fn light(position_m: Vec3, irradiance: f32) -> GpuLight {
-    GpuLight {
-        position_m: position_m.extend(0.0),
-        intensity: Vec3::splat(irradiance * position_m.length_squared()).extend(0.0),
+/// Lights and nothing else.
+fn light_of(lights: &[KeyLight]) -> Light {
+    let black = Cube::filled(16, Vec3::ZERO);
+    Light {
+        radiance: black.clone(),
+        far: black.clone(),
+        behind: black.clone(),
+        strong: black.map(|_| 0),
+        lights: lights.to_vec(),
+        distance_m: black.map(|_| 2.0),
+        room_m: 2.0,
+        meter: MeterFit {
+            missing: Vec::new(),
+            lights: Vec::new(),
+            residual: 0.0,
+            papers: 0,
+            patches: 0,
+        },
+    }
+}
+
+/// A point light at `position_m` that gives white `irradiance` at the origin.
+pub(crate) fn light(position_m: Vec3, irradiance: f32) -> KeyLight {
+    KeyLight {
+        id: 0,
+        direction: position_m.normalize(),
+        distance_m: position_m.length(),
+        irradiance: Vec3::splat(irradiance),
+        angular_radius_rad: 0.0,
     }
 }
 

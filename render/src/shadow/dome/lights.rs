@@ -5,7 +5,6 @@ use std::f32::consts::PI;
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
-use crate::gpu::types::GpuAim;
 use crate::passes::shadow_map::{ShadowView, Sphere};
 
 /// One light of a dome. World frame, metres, linear RGB.
@@ -39,14 +38,10 @@ pub struct GpuDomeLight {
 }
 
 impl GpuDomeLight {
-    /// A light whose map of `map_size` texels shows everything inside `bounds`.
+    /// A light whose map of `map_size` texels shows the sphere `receivers` and is as deep as `everything`.
     #[must_use]
-    pub fn new(light: &DomeLight, bounds: Sphere, map_size: u32) -> Self {
-        let view = ShadowView::new(&GpuAim {
-            position_m: light.position_m.extend(map_size as f32),
-            receivers_m: bounds.to_vec4(),
-            casters_m: bounds.to_vec4(),
-        });
+    pub fn new(light: &DomeLight, (receivers, everything): (Sphere, Sphere), map_size: u32) -> Self {
+        let view = ShadowView::new(light.position_m, (receivers, everything), map_size);
         let row = |axis: Vec3, scale: f32| (axis * scale).extend(-axis.dot(view.position_m) * scale);
         let [right, up, forward] = view.axes;
         let [near_m, far_m] = view.depth_m;
@@ -59,6 +54,16 @@ impl GpuDomeLight {
             forward: row(forward, 1.0),
             depth: Vec4::new(1.0 - slope, -slope * near_m, view.texel_m, view.tangent),
         }
+    }
+
+    /// Whether the map of one is the map of the other: all but brightness is alike, and none or both are dark.
+    #[must_use]
+    pub fn shows_the_same(&self, other: &Self) -> bool {
+        let dim = |light: &Self| Self {
+            intensity: Vec4::new(0.0, 0.0, 0.0, light.intensity.w),
+            ..*light
+        };
+        dim(self) == dim(other)
     }
 }
 
@@ -115,7 +120,7 @@ mod tests {
             intensity: Vec3::ONE,
             angular_radius_rad: 0.1,
         };
-        let gpu = GpuDomeLight::new(&light, bounds, 256);
+        let gpu = GpuDomeLight::new(&light, (bounds, bounds), 256);
         let towards = (light.position_m - bounds.center_m).normalize();
         let stored = |p: Vec3| {
             let z = gpu.forward.dot(p.extend(1.0));

@@ -10,13 +10,21 @@
 //! light's depth map taken as a relief ([`RayMode::Soft`]); pixels of a 4 × 4 tile have different places (interleaved
 //! sampling: Keller and Heidrich 2001), and a filter over the tile that knows edges puts them together.
 
+mod casters;
+mod gather;
 mod lights;
 mod maps;
-mod passes;
+mod plan;
+mod sight;
+mod step;
 
-pub use lights::{DomeLight, hemisphere, stratified_cells};
-pub use maps::DomeCasters;
-pub use passes::{Dome, DomeJob, RayMode, Unshaded};
+pub use casters::DomeCasters;
+pub use gather::{DomeGather, Unshaded};
+pub use lights::{DomeLight, GpuDomeLight, hemisphere, stratified_cells};
+pub use maps::{DomeMaps, GpuDomeFrame, MapsJob};
+pub use plan::{DomePlan, Surroundings, plan};
+pub use sight::{DomeSight, RayMode};
+pub(crate) use step::Step;
 
 /// Most lights of a dome.
 pub const MAX_DOME_LIGHTS: usize = 256;

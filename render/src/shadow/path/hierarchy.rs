@@ -1,0 +1,159 @@
+//! Triangles behind bounding volume hierarchies, flattened for rays on the GPU (`shared/bvh.wgsl`).
+
+use std::time::Duration;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec4};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::triangle::Triangle;
+
+use super::refused;
+use crate::error::RenderError;
+use crate::gpu::Gpu;
+
+/// Depth of the deepest hierarchy that is taken: as many nodes may wait on the shader's stack.
+pub const MAX_DEPTH: usize = 64;
+/// Link of a hierarchy without triangles.
+pub const NO_ROOT: u32 = u32::MAX;
+/// Nodes and triangles are counted with 24 bits.
+const MAX_INDEX: u64 = (1 << 24) - 1;
+
+/// A node (`Node` in `shared/bvh.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuBvhNode {
+    /// Lower corner of its box, world, metres.
+    pub low: Vec3,
+    /// Upper 8 bits: how many triangles, 0 for an inner node; lower 24: the first of them, or the first of two children.
+    pub link: u32,
+    /// Upper corner.
+    pub high: Vec3,
+    /// Unused.
+    pub unused: u32,
+}
+
+/// A triangle (`Triangle` in `shared/bvh.wgsl`): its corners, world, metres.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuBvhTriangle {
+    /// First corner; w unused, as in all.
+    pub a: Vec4,
+    /// Second corner.
+    pub b: Vec4,
+    /// Third corner.
+    pub c: Vec4,
+}
+
+/// Hierarchies that lie in the same buffers.
+#[derive(Debug, Default)]
+pub struct Hierarchies {
+    nodes: Vec<GpuBvhNode>,
+    triangles: Vec<GpuBvhTriangle>,
+}
+
+/// The same on the GPU.
+#[derive(Debug)]
+pub struct HierarchyBuffers {
+    /// Nodes.
+    pub nodes: wgpu::Buffer,
+    /// Triangles.
+    pub triangles: wgpu::Buffer,
+}
+
+/// One hierarchy among them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Root {
+    /// What the shader starts from.
+    pub link: u32,
+    /// For each of its triangles in the buffer, in order, its position in what was given.
+    pub order: Vec<u32>,
+}
+
+impl Hierarchies {
+    /// Adds a hierarchy over triangles (corners, world, metres); those with a corner that is no finite number are left out.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] for more than 16 million triangles or nodes in all, [`RenderError::Shadow`] for triangles so
+    /// unevenly spread that the hierarchy gets too deep.
+    pub fn add(&mut self, gpu: &Gpu, corners: &[[Vec3; 3]]) -> Result<Root, RenderError> {
+        let (chosen, triangles): (Vec<u32>, Vec<Triangle>) = corners
+            .iter()
+            .enumerate()
+            .filter(|(_, triangle)| triangle.iter().all(|corner| corner.is_finite()))
+            .map(|(i, &[a, b, c])| {
+                let triangle = Triangle {
+                    v0: a.into(),
+                    v1: b.into(),
+                    v2: c.into(),
+                };
+                (i as u32, triangle)
+            })
+            .unzip();
+        // A hierarchy has at most two nodes per triangle.
+        let wanted = (self.nodes.len() + 2 * triangles.len()) as u64;
+        gpu.within("a number of nodes over triangles", wanted, MAX_INDEX)?;
+        if triangles.is_empty() {
+            return Ok(Root {
+                link: NO_ROOT,
+                order: Vec::new(),
+            });
+        }
+        let built = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let depth = built.depth(0);
+        if depth > MAX_DEPTH {
+            return Err(refused(
+                format!("the hierarchy over the triangles is {depth} nodes deep; {MAX_DEPTH} at most"),
+                "remove tiny or degenerate triangles from the meshes",
+            ));
+        }
+        let (first_node, first_triangle) = (self.nodes.len() as u32, self.triangles.len() as u32);
+        let link_of = |n_triangles: u32, first: u32| {
+            let base = if n_triangles == 0 { first_node } else { first_triangle };
+            (n_triangles << 24) | (base + first)
+        };
+        self.nodes.extend(built.nodes.iter().map(|node| GpuBvhNode {
+            low: node.aabb().min.into(),
+            link: link_of(node.prim_count, node.first_index),
+            high: node.aabb().max.into(),
+            unused: 0,
+        }));
+        let order: Vec<u32> = built.primitive_indices.iter().map(|&i| chosen[i as usize]).collect();
+        self.triangles.extend(order.iter().map(|&i| {
+            let [a, b, c] = corners[i as usize].map(|corner| corner.extend(0.0));
+            GpuBvhTriangle { a, b, c }
+        }));
+        Ok(Root {
+            link: self.nodes[first_node as usize].link,
+            order,
+        })
+    }
+
+    /// Uploads all of them.
+    ///
+    /// # Errors
+    /// [`RenderError::TooLarge`] for more bytes than the adapter binds.
+    pub fn upload(mut self, gpu: &Gpu) -> Result<HierarchyBuffers, RenderError> {
+        if self.nodes.is_empty() {
+            self.nodes.push(GpuBvhNode::zeroed());
+            self.triangles.push(GpuBvhTriangle::zeroed());
+        }
+        within_binding(gpu, "a number of bytes of triangles", size_of_val(&self.triangles[..]))?;
+        within_binding(
+            gpu,
+            "a number of bytes of nodes over triangles",
+            size_of_val(&self.nodes[..]),
+        )?;
+        Ok(HierarchyBuffers {
+            nodes: gpu.buffer("path: nodes", &self.nodes),
+            triangles: gpu.buffer("path: triangles", &self.triangles),
+        })
+    }
+}
+
+/// Refuses a storage buffer larger than the adapter binds.
+pub(super) fn within_binding(gpu: &Gpu, what: &'static str, bytes: usize) -> Result<(), RenderError> {
+    let limits = gpu.device.limits();
+    let limit = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+    gpu.within(what, bytes as u64, limit)
+}

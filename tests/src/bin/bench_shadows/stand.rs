@@ -29,6 +29,8 @@ pub(crate) struct Effort {
     pub(crate) pictures_min: usize,
     /// More of them for so long.
     time: Duration,
+    /// Fewer of them, but one, after so long.
+    time_max: Duration,
     /// By how much pictures are smaller than their tables say.
     picture_divisor: u32,
     /// By how much shadow maps are smaller than their tables say.
@@ -41,6 +43,7 @@ impl Effort {
         warm_up: 2,
         pictures_min: 5,
         time: Duration::from_secs(2),
+        time_max: Duration::from_secs(20),
         picture_divisor: 1,
         map_divisor: 1,
     };
@@ -49,6 +52,7 @@ impl Effort {
         warm_up: 0,
         pictures_min: 1,
         time: Duration::ZERO,
+        time_max: Duration::ZERO,
         picture_divisor: 8,
         map_divisor: 8,
     };
@@ -169,7 +173,8 @@ impl Stand {
                     None => passes_ms.push((name, vec![ms])),
                 }
             }
-            if walls_ms.len() >= effort.pictures_min && begun.elapsed() >= effort.time {
+            let passed = begun.elapsed();
+            if passed >= effort.time_max || (walls_ms.len() >= effort.pictures_min && passed >= effort.time) {
                 break;
             }
         }

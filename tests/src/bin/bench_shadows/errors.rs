@@ -1,6 +1,11 @@
-//! Error of every method against the two references: one light from 1024 places over the same ambient light, and paths.
+//! Error of every method against the references: one light from 1024 places over the same ambient light, the direct light
+//! of that light and of all directions by paths, and all light by paths.
 
-use crate::{gallery::Gallery, report::Report};
+use crate::{
+    gallery::{Gallery, References},
+    report::Report,
+    stand::Painted,
+};
 use image::RgbImage;
 use mirrorball_render::{error::RenderError, lab::lamp::LampKind, shadow::ShadowMethod};
 use mirrorball_tests::{flip::FlipMap, psnr::Psnr};
@@ -9,46 +14,68 @@ use mirrorball_tests::{flip::FlipMap, psnr::Psnr};
 const SHADOW_CODES: u8 = 2;
 
 /// Prints the table.
-pub(crate) fn run(gallery: &Gallery, lamp: LampKind, report: &mut Report) -> Result<(), RenderError> {
+pub(crate) fn run(
+    (gallery, traced): (&Gallery, &References),
+    lamp: LampKind,
+    report: &mut Report,
+) -> Result<(), RenderError> {
     report.table(
         &format!(
             "Error, test scene, {} light and even ambient light: sRGB codes of all surfaces; in brackets where the \
              reference has shadow",
             lamp.name()
         ),
-        &["method", "area: PSNR, dB", "area: FLIP", "path: PSNR, dB", "path: FLIP"],
+        &[
+            "method",
+            "area (same ambient): PSNR, dB",
+            "FLIP",
+            "paths, direct light: PSNR, dB",
+            "FLIP",
+            "paths, all light: PSNR, dB",
+            "FLIP",
+        ],
     );
-    let unshadowed = found(gallery, ShadowMethod::None);
-    let references = [ShadowMethod::Area, ShadowMethod::PathTraced].map(|method| (method, found(gallery, method)));
+    let found = |wanted| gallery.iter().find(|(method, _)| *method == wanted);
+    let picture_of = |wanted| found(wanted).and_then(|(_, painted)| painted.as_ref().ok());
+    let unshadowed = picture_of(ShadowMethod::None);
+    let references = [
+        picture_of(ShadowMethod::Area),
+        traced.direct.as_ref().ok(),
+        traced.all.as_ref().ok(),
+    ];
     for (method, painted) in gallery {
-        let mut cells = vec![method.name().to_owned()];
-        match painted {
-            Ok((picture, _)) => {
-                for (reference_method, reference) in references {
-                    cells.extend(match reference {
-                        _ if *method == reference_method => ["reference".to_owned(), "–".to_owned()],
-                        None => ["no reference".to_owned(), "–".to_owned()],
-                        Some(reference) => compare(picture, reference, unshadowed),
-                    });
-                }
-            }
-            Err(why) => cells.extend([why.clone(), "–".to_owned(), "–".to_owned(), "–".to_owned()]),
+        report.row(&row(*method, painted, (references, unshadowed)));
+    }
+    for (what, painted) in [("direct light", &traced.direct), ("all light", &traced.all)] {
+        if let Err(why) = painted {
+            report.say(&format!("\nNo paths of {what}: {why}"));
         }
-        report.row(&cells);
     }
     Ok(())
 }
 
-fn found(gallery: &Gallery, wanted: ShadowMethod) -> Option<&(RgbImage, Vec<bool>)> {
-    let (_, painted) = gallery.iter().find(|(method, _)| *method == wanted)?;
-    painted.as_ref().ok()
+/// A picture with where there are surfaces.
+type Picture = (RgbImage, Vec<bool>);
+
+fn row(
+    method: ShadowMethod,
+    painted: &Painted,
+    (references, unshadowed): ([Option<&Picture>; 3], Option<&Picture>),
+) -> Vec<String> {
+    let mut cells = vec![method.name().to_owned()];
+    let none = || "–".to_owned();
+    for (index, reference) in references.into_iter().enumerate() {
+        cells.extend(match (painted, reference) {
+            (Err(why), _) if index == 0 => [why.clone(), none()],
+            (Err(_), _) | (_, None) => [none(), none()],
+            (Ok(_), _) if method == ShadowMethod::Area && index == 0 => ["reference".to_owned(), none()],
+            (Ok((picture, _)), Some(reference)) => compare(picture, reference, unshadowed),
+        });
+    }
+    cells
 }
 
-fn compare(
-    picture: &RgbImage,
-    (reference, surfaces): &(RgbImage, Vec<bool>),
-    unshadowed: Option<&(RgbImage, Vec<bool>)>,
-) -> [String; 2] {
+fn compare(picture: &RgbImage, (reference, surfaces): &Picture, unshadowed: Option<&Picture>) -> [String; 2] {
     let shadow: Vec<bool> = match unshadowed {
         Some((lit, _)) => {
             let is_darker =

@@ -8,7 +8,7 @@ use image::{Rgb, RgbImage};
 use mirrorball_render::{
     error::RenderError,
     lab::{lamp::LampKind, scenes::MovingScene},
-    shadow::ShadowMethod,
+    shadow::{ShadowMethod, path::PathSettings},
 };
 use mirrorball_tests::sheet::{self, Row};
 
@@ -18,14 +18,39 @@ const COLUMNS: usize = 4;
 /// All methods with their pictures.
 pub(crate) type Gallery = Vec<(ShadowMethod, Painted)>;
 
-/// Draws all pictures under a lamp.
-pub(crate) fn paint(effort: &Effort, lamp: LampKind) -> Result<Gallery, RenderError> {
-    let mut stand = Stand::new(MovingScene::test(0), effort.picture_px([640, 480]))?.with_lamp(lamp);
+/// What the pictures are measured against, besides the area light's.
+pub(crate) struct References {
+    /// Direct light by paths: what the methods approximate.
+    pub(crate) direct: Painted,
+    /// All light by paths.
+    pub(crate) all: Painted,
+}
+
+/// Makes the stand for all pictures under a lamp.
+pub(crate) fn stand(effort: &Effort, lamp: LampKind) -> Result<Stand, RenderError> {
+    Ok(Stand::new(MovingScene::test(0), effort.picture_px([640, 480]))?.with_lamp(lamp))
+}
+
+/// Draws all pictures.
+pub(crate) fn paint(effort: &Effort, stand: &mut Stand) -> Result<Gallery, RenderError> {
     let mut gallery = Gallery::new();
     for method in ShadowMethod::ALL {
         gallery.push((method, stand.paint(Way::new(method, effort.map_size(2048)))?));
     }
     Ok(gallery)
+}
+
+/// Traces the references.
+pub(crate) fn references(effort: &Effort, stand: &mut Stand) -> Result<References, RenderError> {
+    let direct = PathSettings::direct(effort.paths());
+    let all = PathSettings {
+        max_bounces: PathSettings::default().max_bounces,
+        ..direct
+    };
+    Ok(References {
+        direct: stand.trace(&direct)?,
+        all: stand.trace(&all)?,
+    })
 }
 
 /// Writes the contact sheet. A method that refuses has a dark picture.

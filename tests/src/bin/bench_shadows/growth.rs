@@ -27,6 +27,9 @@ const METHODS: [ShadowMethod; 9] = [
     ShadowMethod::Stable,
 ];
 
+/// A method that takes longer than this is not asked for more triangles, ms.
+const PATIENCE_MS: f64 = 4000.0;
+
 /// Prints and draws both.
 pub(crate) fn run(effort: &Effort, report: &mut Report) -> Result<(), RenderError> {
     let size_px = effort.picture_px([640, 480]);
@@ -134,6 +137,9 @@ fn over_triangles(effort: &Effort, size_px: [u32; 2]) -> Result<Vec<Line>, Rende
         let n_triangles = scene.n_triangles() as f64;
         let mut stand = Stand::new(scene, size_px)?;
         for (method, line) in METHODS.into_iter().zip(&mut lines) {
+            if line.points.last().is_some_and(|[_, ms]| *ms > PATIENCE_MS) {
+                continue;
+            }
             if let Outcome::Timed(timed) = stand.time(Way::new(method, effort.map_size(1024)), effort)? {
                 line.points.push([n_triangles, timed.ms]);
             }

@@ -77,9 +77,11 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     let lamps = [(LampKind::Rect, is_wanted(Part::Sheet)), (LampKind::Directional, false)];
     for (lamp, is_for_sheet) in lamps {
         if is_for_sheet || is_wanted(Part::Errors) {
-            let gallery = gallery::paint(&effort, lamp)?;
+            let mut stand = gallery::stand(&effort, lamp)?;
+            let gallery = gallery::paint(&effort, &mut stand)?;
             if is_wanted(Part::Errors) {
-                errors::run(&gallery, lamp, &mut report)?;
+                let references = gallery::references(&effort, &mut stand)?;
+                errors::run((&gallery, &references), lamp, &mut report)?;
             }
             if is_for_sheet {
                 gallery::sheet(&gallery, &mut report)?;

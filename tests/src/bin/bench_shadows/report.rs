@@ -26,8 +26,9 @@ impl Report {
         let gpu = Gpu::open()?;
         self.say(&format!("Adapter: {}\n", gpu.name));
         self.say(&format!(
-            "Each row: median of at least {} pictures after {} to warm up, by the clock from recording to done; in \
-             brackets the passes by the adapter's own time stamps, median, ms. Objects move from picture to picture.",
+            "Each row: median of at least {} pictures after {} to warm up (fewer of those that take seconds), by the \
+             clock from recording to done; the passes by the adapter's own time stamps, median. Objects move from \
+             picture to picture.",
             effort.pictures_min, effort.warm_up
         ));
         if !gpu.has_timestamps {

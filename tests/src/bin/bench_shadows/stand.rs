@@ -1,5 +1,6 @@
 //! A scene on the test stand: pictures of it, and how long they take.
 
+use glam::Vec4;
 use image::RgbImage;
 use mirrorball_render::{
     error::RenderError,
@@ -10,7 +11,7 @@ use mirrorball_render::{
         scenes::{self, MovingScene},
         tone,
     },
-    shadow::{ShadowMethod, light::ShadowLight},
+    shadow::{ShadowMethod, light::ShadowLight, path::PathSettings},
 };
 use mirrorball_tests::statistics;
 use std::time::{Duration, Instant};
@@ -28,6 +29,8 @@ pub(crate) struct Effort {
     pub(crate) pictures_min: usize,
     /// More of them for so long.
     time: Duration,
+    /// Fewer of them, but one, after so long.
+    time_max: Duration,
     /// By how much pictures are smaller than their tables say.
     picture_divisor: u32,
     /// By how much shadow maps are smaller than their tables say.
@@ -40,6 +43,7 @@ impl Effort {
         warm_up: 2,
         pictures_min: 5,
         time: Duration::from_secs(2),
+        time_max: Duration::from_secs(20),
         picture_divisor: 1,
         map_divisor: 1,
     };
@@ -48,6 +52,7 @@ impl Effort {
         warm_up: 0,
         pictures_min: 1,
         time: Duration::ZERO,
+        time_max: Duration::ZERO,
         picture_divisor: 8,
         map_divisor: 8,
     };
@@ -60,6 +65,11 @@ impl Effort {
     /// Size of a picture.
     pub(crate) fn picture_px(&self, size_px: [u32; 2]) -> [u32; 2] {
         size_px.map(|px| px / self.picture_divisor)
+    }
+
+    /// Paths per pixel of a reference.
+    pub(crate) fn paths(&self) -> u32 {
+        if self.is_quick() { 4 } else { 256 }
     }
 
     /// Edge of a shadow map.
@@ -163,7 +173,8 @@ impl Stand {
                     None => passes_ms.push((name, vec![ms])),
                 }
             }
-            if walls_ms.len() >= effort.pictures_min && begun.elapsed() >= effort.time {
+            let passed = begun.elapsed();
+            if passed >= effort.time_max || (walls_ms.len() >= effort.pictures_min && passed >= effort.time) {
                 break;
             }
         }
@@ -182,16 +193,29 @@ impl Stand {
             Err(error @ RenderError::Shadow { .. }) => return Ok(Err(error.to_string())),
             result => result?,
         };
-        let codes = tone::srgb(&picture.radiance, tone::EXPOSURE);
+        Ok(Ok(self.developed(&picture.radiance)))
+    }
+
+    /// Traces the scene as it stands at first on paths.
+    pub(crate) fn trace(&mut self, settings: &PathSettings) -> Result<Painted, RenderError> {
+        self.lab.place(&self.scene.placements(0.0));
+        let light = self.lamp.light();
+        let way = Way::new(ShadowMethod::PathTraced, 1);
+        match self.lab.path_traced(&frame(way, &light), settings) {
+            Err(error @ RenderError::Shadow { .. }) => Ok(Err(error.to_string())),
+            result => Ok(Ok(self.developed(&result?.radiance))),
+        }
+    }
+
+    /// Codes of a radiance, and where there is a surface.
+    fn developed(&self, radiance: &[Vec4]) -> (RgbImage, Vec<bool>) {
+        let codes = tone::srgb(radiance, tone::EXPOSURE);
         let [width, height] = self.size_px;
         let image = RgbImage::from_fn(width, height, |x, y| {
             let first = 4 * (y * width + x) as usize;
             image::Rgb([codes[first], codes[first + 1], codes[first + 2]])
         });
-        Ok(Ok((
-            image,
-            picture.radiance.iter().map(|texel| texel.w > 0.5).collect(),
-        )))
+        (image, radiance.iter().map(|texel| texel.w > 0.5).collect())
     }
 }
 

@@ -10,13 +10,14 @@ BIN := $(TARGET_DIR)/release
 # Where this is not set (a container, say), Mesa prints an error that is none. Any folder will do.
 export XDG_RUNTIME_DIR ?= /tmp
 
-.PHONY: help demo test test-drivers bench-probe setup build lint docs
+.PHONY: help demo test test-drivers bench-probe bench-shadows setup build lint docs
 
 help:
 	@echo 'make demo    set up, build, render the recording in $(SEQUENCE), write pictures and figures to $(OUT)'
 	@echo 'make test    set up and run all tests'
 	@echo 'make test-drivers   run the tests on real camera drivers, in a virtual machine'
 	@echo 'make bench-probe    light against truth, for tests/data and SEQUENCES="FOLDER ..."; time and error of its maps'
+	@echo 'make bench-shadows  time and error of every shadow method, plots and a contact sheet in out/bench-shadows'
 	@echo 'make setup   install what Debian packages are missing; check the Rust toolchain'
 	@echo 'make build   build all programs'
 	@echo 'make lint    check format, lints, documentation and, with cargo-deny, licences and advisories'
@@ -55,6 +56,10 @@ test-drivers: setup
 # Accuracy of the measured light on recordings with truth, and time and error of the maps made of it, beside their peers.
 bench-probe: setup build
 	@scripts/bench-probe.sh
+
+# Every shadow method on this machine's adapter: time beside the seeds' figures, error, growth, contact sheet.
+bench-shadows: setup
+	@scripts/bench-shadows.sh
 
 lint:
 	cargo fmt --all --check

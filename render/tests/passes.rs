@@ -3,7 +3,7 @@
 
 mod support;
 
-use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
+use glam::{DVec2, DVec3, Vec3, Vec4, Vec4Swizzles};
 use mirrorball_calib::camera::LensModel;
 use mirrorball_calib::lights::KeyLight;
 use mirrorball_calib::pose::Pose;

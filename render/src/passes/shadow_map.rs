@@ -39,7 +39,7 @@ impl ShadowView {
         let tangent = ratio / (1.0 - ratio * ratio).sqrt();
         let middle = (everything.center_m - position_m).dot(forward);
         let near_m = (middle - everything.radius_m).max(0.02 * distance);
-        let far_m = (middle + everything.radius_m).max(2.0 * near_m);
+        let far_m = (middle + everything.radius_m).max(1.01 * near_m + 1e-3);
         Self {
             position_m,
             axes: [right, up, forward],

@@ -61,12 +61,7 @@ impl Stage {
             size_px,
             light: LightConfig::default(),
         };
-        let shade = Shade::new(
-            &gpu,
-            &direct,
-            inputs(shadows.on_virtuals()),
-            (&gpu.linear_sampler(), target),
-        );
+        let shade = Shade::new(&gpu, inputs(shadows.on_virtuals()), (&gpu.linear_sampler(), target));
         Self {
             timer: Timer::new(&gpu),
             gpu,

@@ -41,6 +41,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
     ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
     ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),
+    ("path_light_pair", include_str!("../../shaders/path_light_pair.wgsl")),
     ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
     (
         "local_environment",

@@ -5,6 +5,7 @@
 
 mod dome;
 mod key;
+mod path;
 
 use glam::{Affine3A, Vec3};
 use mirrorball_calib::pose::Pose;
@@ -25,6 +26,7 @@ use crate::shadow::casters::Casters;
 use crate::shadow::{Family, ShadowMethod};
 use dome::DomeShadows;
 use key::KeyShadows;
+use path::PathShadows;
 
 /// The phantoms' shadow maps reach this far around the virtual objects, metres.
 const RECEIVER_MARGIN_M: f32 = 0.1;
@@ -72,6 +74,7 @@ pub struct SceneShadows {
 enum Passes {
     Dome(Box<DomeShadows>),
     Key(Box<KeyShadows>),
+    Path(Box<PathShadows>),
 }
 
 /// What the shadows of a frame come from.
@@ -202,6 +205,16 @@ impl SceneShadows {
         timer: &mut Timer,
         frame: &ShadowFrame<'_>,
     ) -> Result<(), RenderError> {
+        if let Passes::Path(path) = &mut self.passes {
+            let mut first = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                label: Some("surfaces"),
+            });
+            let scene = frame.scene;
+            self.phantoms.record(&mut first, timer, (scene, &scene.phantoms));
+            self.virtuals.record(&mut first, timer, (scene, &scene.virtuals));
+            gpu.queue.submit([first.finish()]);
+            return path.record(gpu, encoder, timer, frame);
+        }
         self.phantoms
             .record(encoder, timer, (frame.scene, &frame.scene.phantoms));
         self.virtuals
@@ -212,6 +225,7 @@ impl SceneShadows {
                 Ok(())
             }
             Passes::Key(key) => key.record(gpu, encoder, timer, (frame, &self.things)),
+            Passes::Path(_) => Ok(()),
         }
     }
 }
@@ -235,7 +249,8 @@ impl Passes {
                 let dome = DomeShadows::new(gpu, (things, bounds, buffers), surfaces, config)?;
                 Ok(Self::Dome(Box::new(dome)))
             }
-            Family::Key | Family::Path => {
+            Family::Path => Ok(Self::Path(Box::new(PathShadows::new(gpu, things, surfaces)?))),
+            Family::Key => {
                 let key = KeyShadows::new(gpu, (buffers, camera), surfaces, config)?;
                 Ok(Self::Key(Box::new(key)))
             }

@@ -34,10 +34,11 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     let counts = bits[counts_word() * n_pixels + pixel];
     for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
         let bright = bright_light(slot);
-        if bright != NO_LIGHT {
-            let share = f32(extractBits(counts, 4u * slot, 4u)) / f32(RAYS);
-            sum += lights[bright].intensity.rgb * (share * unshadowed(lights[bright].position_m.xyz, place.xyz, normal));
+        if bright == NO_LIGHT {
+            break;
         }
+        let share = f32(extractBits(counts, 4u * slot, 4u)) / f32(RAYS);
+        sum += lights[bright].intensity.rgb * (share * unshadowed(lights[bright].position_m.xyz, place.xyz, normal));
     }
     textureStore(irradiance, at.xy, vec4f(sum, 1.0));
 }

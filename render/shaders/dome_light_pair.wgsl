@@ -45,13 +45,14 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     let virtual_counts = past_virtual[counts_word() * n_pixels + pixel];
     for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
         let bright = bright_light(slot);
-        if bright != NO_LIGHT {
-            let share = f32(extractBits(real_counts, 4u * slot, 4u)) / f32(RAYS);
-            let direct = unshadowed(lights[bright].position_m.xyz, place.xyz, normal);
-            let arriving = lights[bright].intensity.rgb * (share * direct);
-            real += arriving;
-            lost += arriving * (1.0 - f32(extractBits(virtual_counts, 4u * slot, 4u)) / f32(RAYS));
+        if bright == NO_LIGHT {
+            break;
         }
+        let share = f32(extractBits(real_counts, 4u * slot, 4u)) / f32(RAYS);
+        let direct = unshadowed(lights[bright].position_m.xyz, place.xyz, normal);
+        let arriving = lights[bright].intensity.rgb * (share * direct);
+        real += arriving;
+        lost += arriving * (1.0 - f32(extractBits(virtual_counts, 4u * slot, 4u)) / f32(RAYS));
     }
     textureStore(without, at.xy, vec4f(real, 1.0));
     textureStore(with_virtual, at.xy, vec4f(max(real - lost, vec3f(0.0)), 1.0));

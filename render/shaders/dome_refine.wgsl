@@ -11,7 +11,7 @@ var<workgroup> undecided_of_all: u32;
 
 // Whether a pixel lies on the same smooth surface.
 fn is_alike(place: vec3f, normal: vec3f, there: vec2u) -> bool {
-    let offset = textureLoad(places, there, 0).xyzw - vec4f(place, 0.0);
+    let offset = textureLoad(places, there, 0) - vec4f(place, 0.0);
     return offset.w > 0.0 && dot(normal, textureLoad(normals, there, 0).xyz) > 0.9
         && abs(dot(offset.xyz, normal)) < 0.3 * length(offset.xyz) + 1e-6;
 }
@@ -96,7 +96,7 @@ fn main(
         }
         first = end;
     }
-    if place.w == 0.0 {
+    if place.w == 0.0 || bright_light(0u) == NO_LIGHT {
         return;
     }
     let from_word = counts_word() * n_pixels;
@@ -109,6 +109,9 @@ fn main(
     var counts = bits[from_word + at.y * size.x + at.x];
     for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
         let bright = bright_light(slot);
+        if bright == NO_LIGHT {
+            break;
+        }
         if bright < frame.counts.z || bright >= frame.counts.w {
             continue;
         }

@@ -7,13 +7,13 @@
 @group(0) @binding(5) var<storage, read_write> bits: array<u32>;
 
 // Lowest step over the surface in texels; how much higher each is than the one below; and their number, so that the last
-// begins 100 to 250 texels high: more than what stands in a map of 256 is tall.
+// begins 64 to 128 texels high: most of what stands in a map of 256 is lower.
 const FIRST_STEP_TEXELS: f32 = 1.0;
-const GROWTH: f32 = 2.5;
-const LOG2_GROWTH: f32 = 1.3219281;
-const STEPS: i32 = 7;
+const GROWTH: f32 = 2.0;
+const LOG2_GROWTH: f32 = 1.0;
+const STEPS: i32 = 8;
 // Steps overlap by this factor, or a ray would slip between two of them where what stands in the way is aslant.
-const OVERLAP: f32 = 1.3;
+const OVERLAP: f32 = 1.05;
 
 // What a map stores at a place in texels; empty outside.
 fn stored(light: u32, at: vec2f) -> f32 {
@@ -74,7 +74,7 @@ fn ray_arrives(i: u32, light: DomeLight, seen: Seen, from_texel: vec2f, sideways
     var high = FIRST_STEP_TEXELS * light.depth.z * exp2(LOG2_GROWTH * jitter);
     for (var step = 0; step < STEPS; step++) {
         // The geometric mean of the step's bounds; the first has none below.
-        let middle = select(0.632, 0.5, step == 0) * high;
+        let middle = select(0.7071, 0.5, step == 0) * high;
         let depth = stored(i, from_texel + sideways * middle);
         // Height of what the map shows over the point, along the light's view.
         let height = seen.z - light.depth.y / (light.depth.x - depth);
@@ -89,7 +89,7 @@ fn ray_arrives(i: u32, light: DomeLight, seen: Seen, from_texel: vec2f, sideways
 
 // Whether the pixel's one ray to a light arrives; false for a bright light, whose rays are counted elsewhere.
 fn arrives(i: u32, point: vec3f, normal: vec3f, pixel: vec2u) -> bool {
-    if is_bright(i) {
+    if frame.sizes.w != 0u && is_bright(i) {
         return false;
     }
     let light = lights[i];

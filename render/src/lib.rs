@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! FrameSet -> Tracker --TrackedPose--+
-//!          -> radiance_map -> LightProbe --Light--+-> shadow maps -> receive --ratio----+-> composite -> Sink
-//!                                               +-> local light -> shade --radiance--+
+//!          -> radiance_map -> LightProbe --Light--+-> shadows --irradiance--> receive --ratio----+-> composite -> Sink
+//!                                               +-> local light ----------> shade --radiance--+
 //! ```
 //!
 //! [`frame`] is one frame from top to bottom; everything else is a step of it:
@@ -11,7 +11,8 @@
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
 //! - [`scene`]: virtual objects and phantoms;
 //! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
-//! - [`shadow`]: every way to draw a shadow, all on the same scene, to be compared; [`lab`]: that scene, without cameras;
+//! - [`shadow`]: every way to draw a shadow; [`scene_shadows`]: any of them in the camera's picture; [`lab`]: all of them on
+//!   one scene without cameras, to be compared;
 //! - [`output`]: files and window.
 //!
 //! Conventions are those of `mirrorball_calib`: world = main marker, z out of the paper; camera x right, y down, z forward;

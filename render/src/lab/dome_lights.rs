@@ -6,10 +6,10 @@ use glam::Vec3;
 use mirrorball_calib::lights::{LightCounts, LightMethod, LightTracker};
 use mirrorball_calib::probe::cube::Cube;
 
-use crate::passes::shadow_map::Sphere;
 use crate::shadow::ShadowMethod;
 use crate::shadow::dome::{self, DomeLight, DomePlan, Surroundings};
 use crate::shadow::light::ShadowLight;
+use crate::shadow::shadow_view::Sphere;
 
 /// Edge of the cube that the light is painted into, texels.
 const CUBE_SIZE: u32 = 64;

@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use glam::Vec3;
 
-use crate::passes::shadow_map::{Sphere, basis};
 use crate::shadow::light::ShadowLight;
+use crate::shadow::shadow_view::{Sphere, basis};
 
 /// Half an edge of the rectangle, metres.
 const HALF_EDGE_M: f32 = 0.2;

@@ -8,8 +8,8 @@ use mirrorball_calib::pose::Pose;
 
 use super::meshes::{BoxSteps, Solid, mesh};
 use super::toys::{self, HALF_GROUND_M, ROAD_RADIUS_M};
-use crate::passes::shadow_map::Sphere;
 use crate::scene::{Kind, Mesh, Object, Placement, Scene};
+use crate::shadow::shadow_view::Sphere;
 use crate::shadow::view::View;
 
 /// How long a car takes around the circle, seconds.

@@ -18,7 +18,6 @@ pub mod radiance_map;
 pub mod receive;
 pub mod separable_blur;
 pub mod shade;
-pub mod shadow_map;
 pub mod sphere_map;
 
 /// Edge of the cube of a virtual object's own environment, texels.

@@ -1,7 +1,7 @@
 //! Depth as a light of a dome sees it, by casting a ray through every texel.
 
-use crate::passes::shadow_map::ShadowView;
 use crate::scene::occluders::Occluders;
+use crate::shadow::shadow_view::ShadowView;
 
 /// The map of `size` × `size` texels that `view` has of `casters`, rows from the top: 1 at the near plane, 0 at the far one and
 /// where nothing is.

@@ -253,9 +253,9 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::passes::shadow_map::Sphere;
     use crate::scene::{Mesh, Vertex};
     use crate::shadow::light::ShadowLight;
+    use crate::shadow::shadow_view::Sphere;
     use crate::shadow::silhouette::Silhouettes;
 
     fn light() -> WedgeLight {

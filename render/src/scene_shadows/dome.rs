@@ -9,11 +9,11 @@ use crate::config::ShadowConfig;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::passes::shadow_map::Sphere;
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::ShadowMethod;
 use crate::shadow::casters::Casters;
 use crate::shadow::dome::{DomeCasters, DomeGather, DomeLight, DomeMaps, DomeSight, MapsJob, Surroundings, plan};
+use crate::shadow::shadow_view::Sphere;
 
 /// A light that is farther away than this counts as that far, metres: nothing near the probe sees the difference.
 pub(super) const FARTHEST_LIGHT_M: f32 = 100.0;

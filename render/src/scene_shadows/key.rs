@@ -14,12 +14,12 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
-use crate::passes::shadow_map::{Sphere, basis};
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::casters::Casters;
 use crate::shadow::dome::{DomeLight, GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS, NONE_BRIGHT, Step};
 use crate::shadow::key::{Job, KeyShadow};
 use crate::shadow::light::{GpuShadowLight, ShadowLight};
+use crate::shadow::shadow_view::{Sphere, basis};
 use crate::shadow::surface::{Surface, SurfacePass};
 use crate::shadow::view::View;
 

@@ -13,7 +13,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{DEPTH_FORMAT, RasterState, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
-use crate::passes::shadow_map::{Sphere, basis};
+use crate::shadow::shadow_view::{Sphere, basis};
 
 /// Places on a rectangle.
 pub const N_PLACES: u32 = 64;

@@ -15,7 +15,7 @@ use super::light::ShadowLight;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
-use crate::passes::shadow_map::basis;
+use crate::shadow::shadow_view::basis;
 
 /// Objects with a spot at most.
 pub const MAX_BLOBS: usize = 200;

@@ -3,9 +3,9 @@
 use glam::{Affine3A, Vec3};
 
 use crate::gpu::Gpu;
-use crate::passes::shadow_map::{Sphere, enclosing};
 use crate::scene::{Mesh, Scene};
 use crate::scene_gpu::{IndexRange, SceneBuffers};
+use crate::shadow::shadow_view::{Sphere, enclosing};
 
 /// A set of objects that cast shadows together, or receive them: the real ones, or all.
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 
-use crate::passes::shadow_map::{Sphere, basis};
+use crate::shadow::shadow_view::{Sphere, basis};
 
 /// A light that casts shadows. World frame, metres, linear RGB.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 
 use super::casters::Casters;
 use super::light::ShadowLight;
-use crate::passes::shadow_map::{Sphere, basis};
+use crate::shadow::shadow_view::{Sphere, basis};
 
 /// Tangent of the widest half angle from a rectangle's normal that its map shows, 76 degrees: what is cut off beyond is
 /// 6 % of its light. There the map's edge goes on.
@@ -78,7 +78,7 @@ pub fn boxes(casters: &Casters) -> Vec<[Vec3; 8]> {
 }
 
 /// The view from a place on a rectangle onto what of the boxes is in front of it: parallel to the rectangle with the sides'
-/// directions as axes, fitted to the boxes as far as [`WIDEST_TANGENT`].
+/// directions as axes, fitted to the boxes as far as `WIDEST_TANGENT`.
 #[must_use]
 pub fn from_rectangle(place_m: Vec3, [u, v]: [Vec3; 2], boxes: &[[Vec3; 8]], size_px: u32) -> MapView {
     let forward = u.cross(v).normalize_or(Vec3::NEG_Z);

@@ -21,6 +21,7 @@ pub mod pcf;
 pub mod pcss;
 pub mod planar;
 pub mod planes;
+pub mod shadow_view;
 pub mod silhouette;
 pub mod stencil;
 pub mod surface;

@@ -407,7 +407,7 @@ mod tests {
             prop_assume!(light.length() > 0.1);
             let light = light.normalize();
             let silhouettes = Silhouettes::new("ball", &ball(16, 24)).unwrap();
-            let [right, up] = crate::passes::shadow_map::basis(light);
+            let [right, up] = crate::shadow::shadow_view::basis(light);
             // Shadow on the left: counterclockwise seen against the light, so once around in all.
             let turns: f32 = silhouettes.edges(light.extend(0.0)).iter().map(|ends| {
                 let [a, b] = ends.map(|at| glam::Vec2::new(at.dot(right), at.dot(up)));

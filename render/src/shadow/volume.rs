@@ -22,7 +22,7 @@ use super::volume_mesh::{CAPS, CAPS_AROUND_EYE, VolumeMeshes, WALLS, WALLS_AROUN
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::passes::shadow_map::Sphere;
+use crate::shadow::shadow_view::Sphere;
 
 /// From where the walls of volumes are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

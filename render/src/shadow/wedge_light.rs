@@ -4,7 +4,7 @@ use glam::{Affine3A, Mat3A, Vec3, Vec3A};
 
 use super::light::ShadowLight;
 use crate::error::RenderError;
-use crate::passes::shadow_map::{Sphere, basis};
+use crate::shadow::shadow_view::{Sphere, basis};
 
 /// How the covered share of the light is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

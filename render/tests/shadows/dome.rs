@@ -5,13 +5,13 @@ use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::readback::Readback;
 use mirrorball_render::gpu::timer::Timer;
 use mirrorball_render::lab::{Lab, LabFrame, MAP_SIZE};
-use mirrorball_render::passes::shadow_map::ShadowView;
 use mirrorball_render::reference::dome_maps::stored_depth;
 use mirrorball_render::scene::occluders::Occluders;
 use mirrorball_render::scene_gpu::SceneBuffers;
 use mirrorball_render::shadow::casters::Casters;
 use mirrorball_render::shadow::dome::{DomeCasters, DomeLight, DomeMaps, MapsJob, hemisphere};
 use mirrorball_render::shadow::light::ShadowLight;
+use mirrorball_render::shadow::shadow_view::ShadowView;
 use mirrorball_render::shadow::view::View;
 use mirrorball_render::shadow::{Family, ShadowMethod};
 

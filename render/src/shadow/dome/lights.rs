@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
-use crate::passes::shadow_map::{ShadowView, Sphere};
+use crate::shadow::shadow_view::{ShadowView, Sphere};
 
 /// One light of a dome. World frame, metres, linear RGB.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,8 +11,8 @@ use super::{DomeCasters, DomeLight, MAX_DOME_LIGHTS};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::passes::shadow_map::Sphere;
 use crate::scene_gpu::SceneBuffers;
+use crate::shadow::shadow_view::Sphere;
 use mirrorball_calib::probe::radiance::luminance;
 
 /// Workgroups along one axis that every adapter takes.

@@ -58,8 +58,9 @@ bench-probe: setup build
 	@scripts/bench-probe.sh
 
 # Every shadow method on this machine's adapter: time beside the seeds' figures, error, growth, contact sheet.
+# ARGS="--quick --only maps,errors" for less.
 bench-shadows: setup
-	@scripts/bench-shadows.sh
+	@scripts/bench-shadows.sh $(ARGS)
 
 lint:
 	cargo fmt --all --check

@@ -63,20 +63,7 @@ impl Gpu {
         if matches!(format, DEPTH_FORMAT | RADIANCE_FORMAT) {
             usage |= wgpu::TextureUsages::RENDER_ATTACHMENT;
         }
-        self.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some(label),
-            size: wgpu::Extent3d {
-                width: shape.size_px[0],
-                height: shape.size_px[1],
-                depth_or_array_layers: shape.layers,
-            },
-            mip_level_count: shape.mips,
-            sample_count: shape.samples,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage,
-            view_formats: &[],
-        })
+        self.texture_for(label, shape, format, usage)
     }
 
     /// A 2-D texture that is drawn to and read from, of any colour or depth format.
@@ -87,6 +74,16 @@ impl Gpu {
             usage |=
                 wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
         }
+        self.texture_for(label, shape, format, usage)
+    }
+
+    fn texture_for(
+        &self,
+        label: &str,
+        shape: TextureShape,
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d {

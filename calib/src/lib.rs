@@ -63,12 +63,15 @@
 //! No input or output: the library opens no file (the program of the same name does). No GPU. No global state. No
 //! clock: equal input gives equal output, bit for bit. `unsafe` stands in `tag::apriltag` only, around the C detector.
 
+pub mod board;
 pub mod camera;
+pub mod least_squares;
 pub mod lights;
 pub mod merge;
 pub mod photometry;
 pub mod pose;
 pub mod probe;
+pub mod report;
 pub mod resection;
 pub mod response;
 pub mod response_fit;

@@ -3,8 +3,11 @@
 //! All work is done on rays, not on the plane `z = 1`, so that lenses beyond 180 degrees are no special case.
 
 mod fisheye;
+mod parameters;
 
 use glam::{DVec2, DVec3};
+
+pub use parameters::{Jacobians, MAX_PARAMETERS, Model, UnknownModel};
 
 use fisheye::Fisheye;
 

@@ -2,7 +2,10 @@
 
 pub(crate) mod check;
 pub(crate) mod detect;
+mod explain;
+mod input;
 pub(crate) mod merge;
+mod output;
 pub(crate) mod probe;
 
 use std::{
@@ -64,6 +67,8 @@ pub(crate) enum CommandError {
     #[error("`{lost}` of `{frames}` frames have no pose")]
     Lost { lost: usize, frames: usize },
     #[error(transparent)]
+    Routine(explain::Explained),
+    #[error(transparent)]
     Merge(#[from] merge::MergeError),
     #[error(transparent)]
     Probe(#[from] probe::ProbeError),
@@ -75,9 +80,12 @@ impl CommandError {
     /// 2 for bad input, 1 for failure.
     pub(crate) fn exit_code(&self) -> ExitCode {
         match self {
+            Self::Routine(error) if error.0.is_bad_input() => ExitCode::from(2),
             Self::Merge(error) if error.is_bad_input() => ExitCode::from(2),
             Self::Probe(error) if error.is_bad_input() => ExitCode::from(2),
-            Self::Merge(_) | Self::Probe(_) | Self::Lost { .. } | Self::Output(_) => ExitCode::FAILURE,
+            Self::Routine(_) | Self::Merge(_) | Self::Probe(_) | Self::Lost { .. } | Self::Output(_) => {
+                ExitCode::FAILURE
+            }
             Self::ReadRig { .. }
             | Self::Rig { .. }
             | Self::NoCamera { .. }
@@ -89,7 +97,7 @@ impl CommandError {
     }
 
     /// What to do about it.
-    pub(crate) fn hint(&self) -> Option<&'static str> {
+    pub(crate) fn hint(&self) -> Option<&str> {
         match self {
             Self::ReadRig { .. } => Some("give the `rig.toml` of the recording"),
             Self::Rig { source, .. } => source.hint(),
@@ -101,10 +109,17 @@ impl CommandError {
             Self::Lost { .. } => {
                 Some("at least one marker of the rig must be sharp, whole and well lit in every frame")
             }
+            Self::Routine(error) => error.0.hint(),
             Self::Merge(error) => error.hint(),
             Self::Probe(error) => Some(error.hint()),
             Self::Output(_) => None,
         }
+    }
+}
+
+impl<E: explain::Explain + 'static> From<E> for CommandError {
+    fn from(error: E) -> Self {
+        Self::Routine(explain::Explained(Box::new(error)))
     }
 }
 

@@ -30,6 +30,16 @@ pub enum RigError {
         /// What the TOML reader says, with the keys it expects.
         message: String,
     },
+    /// The file was written by a newer version of the program.
+    #[error("{place}: `version` is `{found}`, from a newer program (this one knows up to `{known}`)")]
+    Newer {
+        /// Where.
+        place: Place,
+        /// The version.
+        found: i64,
+        /// The newest one that is known.
+        known: i64,
+    },
     /// A value is outside its range.
     #[error("{place}: `{key}` is `{found}` (allowed: {allowed})")]
     Value {
@@ -94,6 +104,12 @@ pub enum RigError {
         /// The file.
         file: PathBuf,
     },
+    /// The rig does not say which marker defines the world.
+    #[error("`{}` has no `main_marker` (allowed: the id of one `[[marker]]`)", .file.display())]
+    NoMainMarker {
+        /// The file.
+        file: PathBuf,
+    },
     /// The main marker is not among the markers.
     #[error("{place}: `main_marker` is `{found}`, but no `[[marker]]` has that id (there are: {present})")]
     MainMarkerMissing {
@@ -152,6 +168,8 @@ impl RigError {
                 Some("the main marker defines the world: give the other poses relative to it")
             }
             Self::NoBall { .. } => Some("the light is read from a mirror ball or a fisheye camera: describe one"),
+            Self::Newer { .. } => Some("take the program that wrote the file, or a newer one"),
+            Self::NoMainMarker { .. } => Some("run `mirrorball-calib markers`, or write which marker is the world"),
             Self::Value { .. }
             | Self::Response { .. }
             | Self::Entry { .. }

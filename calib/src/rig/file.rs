@@ -6,7 +6,7 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Ball, Camera, Marker, Place, Rig, RigError, Role};
+use super::{Ball, Camera, Marker, PartialCamera, Place, Rig, RigError, RigParts, Role};
 use crate::{
     camera::{Intrinsics, LensModel},
     photometry::Photometry,
@@ -31,7 +31,7 @@ const IDENTITY_TOLERANCE: f64 = 1e-6;
 #[serde(deny_unknown_fields)]
 struct RigFile {
     version: Spanned<i64>,
-    main_marker: Spanned<u32>,
+    main_marker: Option<Spanned<u32>>,
     #[serde(default)]
     camera: Vec<Spanned<CameraEntry>>,
     #[serde(default)]
@@ -46,8 +46,8 @@ struct CameraEntry {
     role: Spanned<String>,
     size_px: Spanned<[i64; 2]>,
     camera_from_world: Option<Spanned<[[f64; 4]; 3]>>,
-    lens: LensEntry,
-    photometry: PhotometryEntry,
+    lens: Option<LensEntry>,
+    photometry: Option<PhotometryEntry>,
 }
 
 #[derive(Deserialize)]
@@ -100,33 +100,31 @@ struct BallEntry {
 /// Reads a rig file; see [`Rig::from_toml`].
 pub(super) fn read(text: &str, file: &Path) -> Result<Rig, RigError> {
     let source = Source { text, file };
-    let entries: RigFile = toml::from_str(text).map_err(|error| RigError::Syntax {
-        place: source.place(error.span().map_or(0, |span| span.start)),
-        message: error.message().replace('\n', " "),
-    })?;
-    source.check(&entries.version, "version", |&version| version == VERSION, "`1`")?;
-    let cameras = entries
-        .camera
-        .iter()
-        .map(|entry| source.camera(entry))
+    let entries = source.parse()?;
+    let parts = source.parts(&entries)?;
+    let cameras = entries.camera.iter().zip(parts.cameras);
+    let cameras = cameras
+        .map(|(entry, camera)| source.complete(entry, camera))
         .collect::<Result<Vec<_>, _>>()?;
-    let markers = entries
-        .marker
-        .iter()
-        .map(|entry| source.marker(entry))
-        .collect::<Result<Vec<_>, _>>()?;
-    let ball = entries.ball.as_ref().map(|entry| source.ball(entry)).transpose()?;
-    source.check_cameras(&entries, &cameras)?;
-    source.check_markers(&entries, &markers)?;
-    if ball.is_none() {
+    source.check_scene_camera(&cameras)?;
+    source.check_main_marker(&entries, &parts.markers)?;
+    if parts.ball.is_none() {
         source.check_ball_is_not_needed(&entries, &cameras)?;
     }
+    let main_marker = parts.main_marker.expect("checked: a marker of this id is there");
     Ok(Rig {
-        main_marker: *entries.main_marker.get_ref(),
+        main_marker,
         cameras,
-        markers,
-        ball,
+        markers: parts.markers,
+        ball: parts.ball,
     })
+}
+
+/// Reads what there is of a rig file; see [`RigParts::from_toml`].
+pub(super) fn read_parts(text: &str, file: &Path) -> Result<RigParts, RigError> {
+    let source = Source { text, file };
+    let entries = source.parse()?;
+    source.parts(&entries)
 }
 
 /// The text being read, to turn positions into lines.
@@ -136,6 +134,44 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
+    fn parse(&self) -> Result<RigFile, RigError> {
+        let entries: RigFile = toml::from_str(self.text).map_err(|error| RigError::Syntax {
+            place: self.place(error.span().map_or(0, |span| span.start)),
+            message: error.message().replace('\n', " "),
+        })?;
+        let version = *entries.version.get_ref();
+        if version > VERSION {
+            return Err(RigError::Newer {
+                place: self.place_of(&entries.version),
+                found: version,
+                known: VERSION,
+            });
+        }
+        self.check(&entries.version, "version", |&version| version == VERSION, "`1`")?;
+        Ok(entries)
+    }
+
+    /// Everything that is there, checked by itself and for doubles.
+    fn parts(&self, entries: &RigFile) -> Result<RigParts, RigError> {
+        let cameras = entries
+            .camera
+            .iter()
+            .map(|entry| self.camera(entry))
+            .collect::<Result<Vec<_>, _>>()?;
+        let markers = entries
+            .marker
+            .iter()
+            .map(|entry| self.marker(entry))
+            .collect::<Result<Vec<_>, _>>()?;
+        self.check_doubles(entries, &cameras, &markers)?;
+        Ok(RigParts {
+            main_marker: entries.main_marker.as_ref().map(|id| *id.get_ref()),
+            cameras,
+            markers,
+            ball: entries.ball.as_ref().map(|entry| self.ball(entry)).transpose()?,
+        })
+    }
+
     fn place(&self, position: usize) -> Place {
         let before = &self.text.as_bytes()[..position.min(self.text.len())];
         let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
@@ -185,7 +221,7 @@ impl Source<'_> {
         })
     }
 
-    fn camera(&self, entry: &Spanned<CameraEntry>) -> Result<Camera, RigError> {
+    fn camera(&self, entry: &Spanned<CameraEntry>) -> Result<PartialCamera, RigError> {
         let place = self.place_of(entry);
         let entry = entry.get_ref();
         self.check(
@@ -212,8 +248,7 @@ impl Source<'_> {
             .transpose()?;
         let problem = match (role, camera_from_world) {
             (Role::Scene, Some(_)) => Some("has role `scene` and so moves: leave out `camera_from_world`"),
-            (Role::Ball | Role::Fisheye, None) => Some("is fixed: it needs `camera_from_world`"),
-            (Role::Scene, None) | (Role::Ball | Role::Fisheye, Some(_)) => None,
+            (Role::Scene | Role::Ball | Role::Fisheye, None) | (Role::Ball | Role::Fisheye, Some(_)) => None,
         };
         if let Some(problem) = problem {
             return Err(RigError::Entry {
@@ -222,22 +257,50 @@ impl Source<'_> {
                 problem,
             });
         }
-        let intrinsics = self.intrinsics(&entry.lens, size_px)?;
-        let photometry = self.photometry(&entry.photometry)?;
-        Ok(Camera {
+        let intrinsics = entry.lens.as_ref();
+        let intrinsics = intrinsics.map(|lens| self.intrinsics(lens, size_px)).transpose()?;
+        let photometry = entry.photometry.as_ref();
+        let photometry = photometry.map(|entry| self.photometry(entry)).transpose()?;
+        Ok(PartialCamera {
             name,
             role,
+            size_px,
             intrinsics,
             photometry,
             camera_from_world,
         })
     }
 
+    /// A camera of which everything is known.
+    fn complete(&self, entry: &Spanned<CameraEntry>, camera: PartialCamera) -> Result<Camera, RigError> {
+        let missing = |problem| RigError::Entry {
+            place: self.place_of(entry),
+            subject: format!("camera `{}`", camera.name),
+            problem,
+        };
+        if camera.role != Role::Scene && camera.camera_from_world.is_none() {
+            return Err(missing(
+                "is fixed: it needs `camera_from_world` (measured by `mirrorball-calib extrinsics`)",
+            ));
+        }
+        Ok(Camera {
+            intrinsics: camera
+                .intrinsics
+                .ok_or_else(|| missing("needs `[camera.lens]` (measured by `mirrorball-calib intrinsics`)"))?,
+            photometry: camera
+                .photometry
+                .clone()
+                .ok_or_else(|| missing("needs `[camera.photometry]` (measured by `mirrorball-calib photometric`)"))?,
+            name: camera.name,
+            role: camera.role,
+            camera_from_world: camera.camera_from_world,
+        })
+    }
+
     fn role(&self, role: &Spanned<String>) -> Result<Role, RigError> {
-        const ROLES: [(&str, Role); 3] = [("scene", Role::Scene), ("ball", Role::Ball), ("fisheye", Role::Fisheye)];
-        let found = ROLES.iter().find(|(name, _)| name == role.get_ref());
+        let found = Role::ALL.into_iter().find(|known| known.name() == role.get_ref());
         self.check(role, "camera.role", |_| found.is_some(), "`scene`, `ball`, `fisheye`")?;
-        Ok(found.expect("checked: a known role").1)
+        Ok(found.expect("checked: a known role"))
     }
 
     fn intrinsics(&self, entry: &LensEntry, size_px: [u32; 2]) -> Result<Intrinsics, RigError> {
@@ -444,7 +507,20 @@ impl Source<'_> {
         })
     }
 
-    fn check_cameras(&self, entries: &RigFile, cameras: &[Camera]) -> Result<(), RigError> {
+    fn check_scene_camera(&self, cameras: &[Camera]) -> Result<(), RigError> {
+        let scenes = cameras.iter().filter(|camera| camera.role == Role::Scene).count();
+        if scenes != 1 {
+            return Err(RigError::Roles {
+                file: self.file.to_owned(),
+                role: "`scene`",
+                found: scenes,
+                allowed: "exactly 1",
+            });
+        }
+        Ok(())
+    }
+
+    fn check_doubles(&self, entries: &RigFile, cameras: &[PartialCamera], markers: &[Marker]) -> Result<(), RigError> {
         for (index, camera) in cameras.iter().enumerate() {
             if cameras[..index].iter().any(|other| other.name == camera.name) {
                 let place = self.place_of(&entries.camera[index].get_ref().name);
@@ -455,14 +531,15 @@ impl Source<'_> {
                 });
             }
         }
-        let scenes = cameras.iter().filter(|camera| camera.role == Role::Scene).count();
-        if scenes != 1 {
-            return Err(RigError::Roles {
-                file: self.file.to_owned(),
-                role: "`scene`",
-                found: scenes,
-                allowed: "exactly 1",
-            });
+        for (index, marker) in markers.iter().enumerate() {
+            if markers[..index].iter().any(|other| other.id == marker.id) {
+                let place = self.place_of(&entries.marker[index].get_ref().id);
+                return Err(RigError::Duplicate {
+                    place,
+                    kind: "marker",
+                    found: marker.id.to_string(),
+                });
+            }
         }
         Ok(())
     }
@@ -484,23 +561,18 @@ impl Source<'_> {
         }
     }
 
-    fn check_markers(&self, entries: &RigFile, markers: &[Marker]) -> Result<(), RigError> {
+    fn check_main_marker(&self, entries: &RigFile, markers: &[Marker]) -> Result<(), RigError> {
         if markers.is_empty() {
             return Err(RigError::NoMarkers {
                 file: self.file.to_owned(),
             });
         }
-        for (index, marker) in markers.iter().enumerate() {
-            if markers[..index].iter().any(|other| other.id == marker.id) {
-                let place = self.place_of(&entries.marker[index].get_ref().id);
-                return Err(RigError::Duplicate {
-                    place,
-                    kind: "marker",
-                    found: marker.id.to_string(),
-                });
-            }
-        }
-        let id = *entries.main_marker.get_ref();
+        let Some(main_marker) = &entries.main_marker else {
+            return Err(RigError::NoMainMarker {
+                file: self.file.to_owned(),
+            });
+        };
+        let id = *main_marker.get_ref();
         let Some(index) = markers.iter().position(|marker| marker.id == id) else {
             let present = markers
                 .iter()
@@ -508,7 +580,7 @@ impl Source<'_> {
                 .collect::<Vec<_>>()
                 .join(", ");
             return Err(RigError::MainMarkerMissing {
-                place: self.place_of(&entries.main_marker),
+                place: self.place_of(main_marker),
                 found: id,
                 present,
             });

@@ -1,14 +1,18 @@
 //! The rig: its cameras, its markers and the mirror ball, read from `rig.toml`.
 
 pub mod check;
+mod draft;
 mod error;
 mod file;
+mod parts;
 
 use std::path::Path;
 
 use glam::DVec3;
 
+pub use draft::RigDraft;
 pub use error::{Place, RigError};
+pub use parts::{PartialCamera, RigParts};
 
 use crate::{camera::Intrinsics, photometry::Photometry, pose::Pose, tag::Family};
 
@@ -78,6 +82,21 @@ pub struct Ball {
     pub reflectance: [f64; 3],
     /// Perceptual roughness, 0 (a mirror) to 1.
     pub roughness: f64,
+}
+
+impl Role {
+    /// Every role.
+    pub const ALL: [Self; 3] = [Self::Scene, Self::Ball, Self::Fisheye];
+
+    /// Name, as in rig files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scene => "scene",
+            Self::Ball => "ball",
+            Self::Fisheye => "fisheye",
+        }
+    }
 }
 
 impl Rig {

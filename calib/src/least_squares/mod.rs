@@ -1,0 +1,4 @@
+//! Least squares with many unknowns that hardly know each other.
+
+pub mod arrow;
+pub mod loss;

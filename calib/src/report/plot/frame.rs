@@ -18,7 +18,7 @@ const MARGIN: f64 = 16.0;
 const BELOW: f64 = 46.0;
 
 /// Pixels between two labels beside each other, and above each other.
-const LABEL_PITCH: [f64; 2] = [80.0, 45.0];
+const LABEL_PITCH: [f64; 2] = [62.0, 45.0];
 
 /// Where data are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]

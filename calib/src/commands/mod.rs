@@ -7,6 +7,7 @@ mod input;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod probe;
+mod progress;
 
 use std::{
     fs, io,

@@ -8,11 +8,17 @@ use super::{
 };
 use crate::{
     response::ResponseCurve,
-    tag::{Detector, LinearLuma, LumaError},
+    tag::{Detector, LinearLuma, LumaError, LumaView},
 };
 
 /// Corners that a picture must show of the board to be worth anything: a pose needs four, the others check it.
 pub const MIN_CORNERS: usize = 8;
+
+/// Exponent from light to the grey values in which markers are looked for.
+const BRIGHT_POWER: f64 = 0.35;
+
+/// Values of the 16-bit picture that share a grey value, as a power of two.
+const BRIGHT_SHIFT: u32 = 4;
 
 /// Finds a board in pictures. Keeps its buffers.
 #[derive(Debug)]
@@ -21,6 +27,7 @@ pub struct BoardDetector {
     markers: Detector,
     targets: Vec<Target>,
     luma: LinearLuma,
+    bright: Vec<u8>,
 }
 
 /// A board in a picture, and how well it is shown.
@@ -79,6 +86,7 @@ impl BoardDetector {
             markers,
             targets,
             luma: LinearLuma::new(),
+            bright: Vec::new(),
         }
     }
 
@@ -129,9 +137,36 @@ impl BoardDetector {
         Ok(corners)
     }
 
+    /// Grey values in which the middle between white and black in linear light is nearer to white: where the corners of
+    /// black squares touch, they count as apart, and each marker has an outline of its own.
+    fn brighten(&mut self) {
+        let most = self
+            .luma
+            .linear()
+            .iter()
+            .max()
+            .map_or(1.0, |&most| f64::from(most).max(1.0));
+        let table: Vec<u8> = (0..=u16::MAX >> BRIGHT_SHIFT)
+            .map(|bin| {
+                let value = (f64::from(bin) + 0.5) * f64::from(1 << BRIGHT_SHIFT);
+                (255.0 * (value / most).min(1.0).powf(BRIGHT_POWER)).round() as u8
+            })
+            .collect();
+        let bright = self
+            .luma
+            .linear()
+            .iter()
+            .map(|&value| table[usize::from(value >> BRIGHT_SHIFT)]);
+        self.bright.clear();
+        self.bright.extend(bright);
+    }
+
     /// The board's markers, as far as they agree with each other.
     fn markers(&mut self) -> Result<Vec<PlacedMarker>, Reason> {
-        let detections = self.markers.detect(self.luma.luma());
+        self.brighten();
+        let [width, _] = self.luma.size();
+        let luma = LumaView::new(self.luma.size(), width, &self.bright).expect("the picture's size was checked");
+        let detections = self.markers.detect(luma);
         let placed = self.board.place(&detections);
         Ok(markers::consistent(&placed, self.board.pitch_m()))
     }

@@ -23,6 +23,10 @@ const MAX_STRAY: f64 = 0.2;
 /// The same in pixels, for tiny boards.
 const MAX_STRAY_PX: f64 = 0.7;
 
+/// Largest misfit of a corner: so many times the median of all, plus so much.
+const MAX_MISFIT_RATIO: f64 = 4.0;
+const MAX_MISFIT_MORE: f64 = 0.03;
+
 /// Rounds of finding all corners again, each with better known surroundings.
 const POLISHING: usize = 2;
 
@@ -158,8 +162,23 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Drops corners that are not where their neighbours say, the worst first.
+    /// Drops corners that look different from all others, and those that are not where their neighbours say, the worst
+    /// first.
     fn prune(&mut self) {
+        let misfit = |seen: &Option<Seen>| match seen {
+            Some(Seen::Found(saddle)) => Some(saddle.misfit),
+            Some(Seen::Rough(_)) | None => None,
+        };
+        let mut misfits: Vec<f64> = self.seen.iter().filter_map(misfit).collect();
+        misfits.sort_by(f64::total_cmp);
+        if let Some(median) = misfits.get(misfits.len() / 2) {
+            let limit = MAX_MISFIT_RATIO * median + MAX_MISFIT_MORE;
+            for seen in &mut self.seen {
+                if misfit(seen).is_some_and(|misfit| misfit > limit) {
+                    *seen = None;
+                }
+            }
+        }
         for _ in 0..self.targets.len() {
             let strays = (0..self.targets.len()).filter_map(|index| Some((index, self.stray(index)?)));
             let Some((worst, stray)) = strays.max_by(|a, b| a.1.total_cmp(&b.1)) else {

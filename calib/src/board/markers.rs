@@ -1,12 +1,12 @@
 //! Markers of a board: where they are printed, and which of those found belong together.
 
-use glam::DVec2;
+use glam::{DMat2, DVec2};
 
-use super::{Board, CharucoPattern, plane::LocalPlane};
+use super::{Board, CharucoPattern};
 use crate::tag::{Detection, Family};
 
-/// Largest distance of a marker's corner from where a neighbour says it is, as a fraction of the marker's side.
-const MAX_DISAGREEMENT: f64 = 0.35;
+/// Largest difference between the ways from one marker to a neighbour in the picture and on paper, relative.
+const MAX_DISAGREEMENT: f64 = 0.25;
 
 /// Markers this far apart, in pitches of the board, are neighbours: the diagonal one, or one beyond a missing one.
 const NEIGHBOURHOOD: f64 = 2.1;
@@ -107,20 +107,10 @@ impl Board {
 
 /// The largest group of markers that are neighbours and agree about where they are, each number once.
 pub(super) fn consistent(markers: &[PlacedMarker], pitch_m: f64) -> Vec<PlacedMarker> {
-    let planes: Vec<Option<LocalPlane>> = markers
-        .iter()
-        .map(|marker| LocalPlane::fit(&pairs(marker).collect::<Vec<_>>()))
-        .collect();
     let mut group: Vec<usize> = (0..markers.len()).collect();
     for a in 0..markers.len() {
         for b in 0..a {
-            let apart = middle_m(&markers[a]).distance(middle_m(&markers[b]));
-            if markers[a].number != markers[b].number
-                && apart < NEIGHBOURHOOD * pitch_m
-                && group[a] != group[b]
-                && agrees(planes[a].as_ref(), &markers[b])
-                && agrees(planes[b].as_ref(), &markers[a])
-            {
+            if group[a] != group[b] && agree(&markers[a], &markers[b], NEIGHBOURHOOD * pitch_m) {
                 let (from, to) = (group[a], group[b]);
                 group
                     .iter_mut()
@@ -130,7 +120,11 @@ pub(super) fn consistent(markers: &[PlacedMarker], pitch_m: f64) -> Vec<PlacedMa
         }
     }
     let size = |of: usize| group.iter().filter(|&&group| group == of).count();
-    let Some(largest) = (0..markers.len()).rev().max_by_key(|&of| size(of)) else {
+    let Some(largest) = (0..markers.len())
+        .rev()
+        .max_by_key(|&of| size(group[of]))
+        .map(|of| group[of])
+    else {
         return Vec::new();
     };
     let mut members: Vec<PlacedMarker> = (0..markers.len())
@@ -147,18 +141,25 @@ pub(super) fn pairs(marker: &PlacedMarker) -> impl Iterator<Item = (DVec2, DVec2
     marker.corners_m.into_iter().zip(marker.corners_px)
 }
 
-fn middle_m(marker: &PlacedMarker) -> DVec2 {
-    0.5 * (marker.corners_m[0] + marker.corners_m[2])
+/// Whether the way from one marker to the other is as long in the picture as on paper. It is judged by the mean of both
+/// markers' scales and directions, which is right to third order however much the lens bends it.
+fn agree(a: &PlacedMarker, b: &PlacedMarker, reach_m: f64) -> bool {
+    let way_m = middle(&b.corners_m) - middle(&a.corners_m);
+    if a.number == b.number || way_m.length() > reach_m {
+        return false;
+    }
+    let way_px = middle(&b.corners_px) - middle(&a.corners_px);
+    let scale = 0.5 * (pixels_per_metre(a) + pixels_per_metre(b));
+    let expected = scale * way_m;
+    way_px.distance(expected) < MAX_DISAGREEMENT * expected.length()
 }
 
-fn agrees(plane: Option<&LocalPlane>, marker: &PlacedMarker) -> bool {
-    let side = 0.5
-        * (marker.corners_px[0].distance(marker.corners_px[1]) + marker.corners_px[1].distance(marker.corners_px[2]));
-    plane.is_some_and(|plane| {
-        pairs(marker).all(|(place, pixel)| {
-            plane
-                .pixel(place)
-                .is_some_and(|expected| expected.distance(pixel) < MAX_DISAGREEMENT * side)
-        })
-    })
+fn middle(corners: &[DVec2; 4]) -> DVec2 {
+    0.25 * corners.iter().sum::<DVec2>()
+}
+
+/// How pixels move with places on the board, at a marker's middle.
+fn pixels_per_metre(marker: &PlacedMarker) -> DMat2 {
+    let sides = |[a, b, c, d]: [DVec2; 4]| DMat2::from_cols(0.5 * (b - a + c - d), 0.5 * (d - a + c - b));
+    sides(marker.corners_px) * sides(marker.corners_m).inverse()
 }

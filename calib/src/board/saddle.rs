@@ -78,6 +78,8 @@ pub(super) struct Saddle {
     pub(super) contrast: f64,
     /// Blur: standard deviation of a Gaussian, in pixels.
     pub(super) edge_width_px: f64,
+    /// Rms of what the model leaves of the pixels, relative to the contrast.
+    pub(super) misfit: f64,
 }
 
 /// Finds the corner that is expected somewhere; it may be off by half the clear distance. `None` where the pixels do not
@@ -271,6 +273,7 @@ impl Fit {
             sigma_px: sigma.max(MIN_SIGMA_PX),
             contrast,
             edge_width_px: model.blur(),
+            misfit,
         })
     }
 }

@@ -1,20 +1,33 @@
 //! A picture to the corners of a board.
 
-use super::{Board, BoardView, SeenCorner};
+use super::{
+    Board, BoardView, SeenCorner, aprilgrid, charuco,
+    growth::Target,
+    markers::{self, PlacedMarker},
+    saddle::Saddle,
+};
 use crate::{
     response::ResponseCurve,
-    tag::{Detector, Family, LinearLuma, LumaError},
+    tag::{Detector, LinearLuma, LumaError, LumaView},
 };
 
 /// Corners that a picture must show of the board to be worth anything: a pose needs four, the others check it.
 pub const MIN_CORNERS: usize = 8;
+
+/// Exponent from light to the grey values in which markers are looked for.
+const BRIGHT_POWER: f64 = 0.35;
+
+/// Values of the 16-bit picture that share a grey value, as a power of two.
+const BRIGHT_SHIFT: u32 = 4;
 
 /// Finds a board in pictures. Keeps its buffers.
 #[derive(Debug)]
 pub struct BoardDetector {
     board: Board,
     markers: Detector,
+    targets: Vec<Target>,
     luma: LinearLuma,
+    bright: Vec<u8>,
 }
 
 /// A board in a picture, and how well it is shown.
@@ -61,14 +74,19 @@ impl BoardDetector {
     /// A detector for this board.
     #[must_use]
     pub fn new(board: &Board) -> Self {
-        let families: &[Family] = match board {
-            Board::AprilGrid { family, .. } | Board::Charuco { family, .. } => &[*family],
-            Board::Chessboard { .. } => &[],
+        let (markers, targets) = match *board {
+            Board::AprilGrid {
+                family, border_bits, ..
+            } => (Detector::with_border(&[family], border_bits), aprilgrid::targets(board)),
+            Board::Charuco { family, .. } => (Detector::new(&[family]), charuco::targets(board)),
+            Board::Chessboard { .. } => (Detector::new(&[]), Vec::new()),
         };
         Self {
             board: *board,
-            markers: Detector::new(families),
+            markers,
+            targets,
             luma: LinearLuma::new(),
+            bright: Vec::new(),
         }
     }
 
@@ -85,13 +103,7 @@ impl BoardDetector {
         response: &ResponseCurve,
     ) -> Result<FoundBoard, NotFound> {
         self.search(rgb, size, response)
-            .map(|(corners, edge_width_px)| FoundBoard {
-                view: BoardView {
-                    name: name.to_owned(),
-                    corners,
-                },
-                edge_width_px,
-            })
+            .map(|corners| found(name, &corners))
             .map_err(|reason| NotFound {
                 name: name.to_owned(),
                 reason,
@@ -103,39 +115,76 @@ impl BoardDetector {
         rgb: &[u8],
         size: [usize; 2],
         response: &ResponseCurve,
-    ) -> Result<(Vec<SeenCorner>, f64), Reason> {
+    ) -> Result<Vec<(usize, Saddle)>, Reason> {
         self.luma.set(rgb, size, response)?;
-        let Board::AprilGrid {
-            columns,
-            rows,
-            first_id,
-            ..
-        } = self.board
-        else {
-            return Err(Reason::Nothing);
+        let corners = match self.board {
+            Board::AprilGrid { .. } => {
+                let markers = self.markers()?;
+                aprilgrid::corners(&self.luma, &self.targets, self.board.pitch_m(), &markers)
+            }
+            Board::Charuco { .. } => {
+                let markers = self.markers()?;
+                charuco::corners(&self.luma, &self.targets, self.board.pitch_m(), &markers)
+            }
+            Board::Chessboard { .. } => return Err(Reason::Nothing),
         };
-        let markers = self.markers.detect(self.luma.luma());
-        let corners: Vec<SeenCorner> = markers
-            .iter()
-            .filter_map(|marker| Some((marker.id.checked_sub(first_id)?, marker)))
-            .filter(|(index, _)| *index < columns * rows)
-            .flat_map(|(index, marker)| {
-                (0..4).map(move |corner| SeenCorner {
-                    corner: 4 * index + corner,
-                    pixel: marker.corners_px[corner as usize],
-                    sigma_px: 0.1,
-                })
-            })
-            .collect();
-        if corners.is_empty() {
-            return Err(Reason::Nothing);
-        }
         if corners.len() < MIN_CORNERS {
             return Err(Reason::TooFew {
                 found: corners.len(),
                 needed: MIN_CORNERS,
             });
         }
-        Ok((corners, 0.5))
+        Ok(corners)
+    }
+
+    /// Grey values in which the middle between white and black in linear light is nearer to white: where the corners of
+    /// black squares touch, they count as apart, and each marker has an outline of its own.
+    fn brighten(&mut self) {
+        let most = self
+            .luma
+            .linear()
+            .iter()
+            .max()
+            .map_or(1.0, |&most| f64::from(most).max(1.0));
+        let table: Vec<u8> = (0..=u16::MAX >> BRIGHT_SHIFT)
+            .map(|bin| {
+                let value = (f64::from(bin) + 0.5) * f64::from(1 << BRIGHT_SHIFT);
+                (255.0 * (value / most).min(1.0).powf(BRIGHT_POWER)).round() as u8
+            })
+            .collect();
+        let bright = self
+            .luma
+            .linear()
+            .iter()
+            .map(|&value| table[usize::from(value >> BRIGHT_SHIFT)]);
+        self.bright.clear();
+        self.bright.extend(bright);
+    }
+
+    /// The board's markers, as far as they agree with each other.
+    fn markers(&mut self) -> Result<Vec<PlacedMarker>, Reason> {
+        self.brighten();
+        let [width, _] = self.luma.size();
+        let luma = LumaView::new(self.luma.size(), width, &self.bright).expect("the picture's size was checked");
+        let detections = self.markers.detect(luma);
+        let placed = self.board.place(&detections);
+        Ok(markers::consistent(&placed, self.board.pitch_m()))
+    }
+}
+
+fn found(name: &str, corners: &[(usize, Saddle)]) -> FoundBoard {
+    let mut widths: Vec<f64> = corners.iter().map(|(_, saddle)| saddle.edge_width_px).collect();
+    widths.sort_by(f64::total_cmp);
+    let corners = corners.iter().map(|(corner, saddle)| SeenCorner {
+        corner: u32::try_from(*corner).expect("boards have less than 2³² corners"),
+        pixel: saddle.pixel,
+        sigma_px: saddle.sigma_px,
+    });
+    FoundBoard {
+        view: BoardView {
+            name: name.to_owned(),
+            corners: corners.collect(),
+        },
+        edge_width_px: widths[widths.len() / 2],
     }
 }

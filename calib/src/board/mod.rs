@@ -4,7 +4,13 @@
 //! metres. The origin is the bottom-left corner of the bottom-left marker (AprilGrid), of the bottom-left square (ChArUco), or the
 //! bottom-left inner corner (chessboard).
 
+mod aprilgrid;
+mod charuco;
 mod detector;
+mod growth;
+mod markers;
+mod plane;
+mod saddle;
 
 use glam::{DVec2, DVec3};
 

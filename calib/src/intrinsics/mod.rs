@@ -34,6 +34,7 @@ use warp::WarpedBoard;
 use crate::{
     board::{Board, BoardView},
     camera::{Intrinsics, Model},
+    least_squares::arrow::Iteration,
     pose::Pose,
 };
 
@@ -53,17 +54,6 @@ pub struct Request<'a> {
     /// picture's corners when corners of the board were seen nearly there, and a little beyond the outermost corner of the
     /// board when not, as in a round picture; and no more than the angle up to which the lens is one to one.
     pub max_angle_rad: Option<f64>,
-}
-
-/// How far a calibration is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress {
-    /// Views that take part.
-    pub views: usize,
-    /// Iteration of the step at work.
-    pub iteration: usize,
-    /// Cost, in units of that step.
-    pub cost: f64,
 }
 
 /// A lens, and how sure it is.
@@ -230,7 +220,7 @@ impl Calibration {
 pub fn calibrate(
     request: &Request<'_>,
     views: &[BoardView],
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(Iteration),
 ) -> Result<Calibration, IntrinsicsError> {
     let board = WarpedBoard::new(request.board.corners_m());
     let (all, left_out) = sightings(&board, views)?;
@@ -238,7 +228,7 @@ pub fn calibrate(
     let mut solver = Solver {
         board: &board,
         model: request.model,
-        sightings: all.clone(),
+        sightings: all,
         left_out,
         progress,
     };
@@ -246,7 +236,6 @@ pub fn calibrate(
         model: request.model,
         residual_px: f64::INFINITY,
     })?;
-    solver.call_back(&mut state, &all);
     results::seen_from_the_front(&mut solver, &mut state, views)?;
     results::enough(&solver.sightings, views, &solver.left_out)?;
     if let Some(error) = results::mismatch(&solver, &state) {

@@ -3,16 +3,16 @@
 use glam::DVec2;
 
 use super::{
-    Progress, RejectedBecause,
+    RejectedBecause,
     planar_pose::MIN_CORNERS,
     problem::{Free, Problem, Sighting, State, WarpFree},
     start::{self, median},
     warp::{WARP, WarpedBoard},
 };
 use crate::{
-    camera::Model,
+    camera::{Intrinsics, Model},
     least_squares::{
-        arrow::{Minimum, SolveError, minimise},
+        arrow::{Iteration, Minimum, SolveError, minimise},
         loss::Loss,
     },
 };
@@ -45,45 +45,46 @@ pub(super) struct Solver<'a> {
     pub(super) model: Model,
     pub(super) sightings: Vec<Sighting>,
     pub(super) left_out: Vec<LeftOut>,
-    pub(super) progress: &'a mut dyn FnMut(Progress),
+    pub(super) progress: &'a mut dyn FnMut(Iteration),
 }
 
 impl Solver<'_> {
-    /// The best supposition with its parameters freed one after the other, over the views that have a pose; the others are
-    /// left out for now.
+    /// The best supposition with its parameters freed one after the other, judged by a part of the views; then a pose for every
+    /// view through that lens. Views without one are left out.
     pub(super) fn start(&mut self, size_px: [u32; 2]) -> Option<State> {
         let all = std::mem::take(&mut self.sightings);
-        let supposed = start::hypotheses(self.model, size_px, self.board, &all);
-        let mut best: Option<(f64, State, Vec<Sighting>)> = None;
-        for hypothesis in supposed.iter().take(FOLLOWED) {
-            let (mut seen, mut poses) = (Vec::new(), Vec::new());
-            for sighting in &all {
-                if let Some((pose, _)) = start::pose(&hypothesis.intrinsics, self.board, sighting) {
-                    seen.push(sighting.clone());
-                    poses.push(pose.camera_from_board);
-                }
-            }
-            self.sightings = seen;
-            let mut state = State {
-                intrinsics: hypothesis.intrinsics,
-                warp: [0.0; WARP],
-                poses,
-            };
+        let judges = start::judges(&all);
+        let mut best: Option<(f64, Intrinsics)> = None;
+        for hypothesis in start::hypotheses(self.model, size_px, self.board, &judges, FOLLOWED) {
+            let mut state = self.locate(&hypothesis.intrinsics, &judges);
             for free in stages(self.model) {
                 state = self.stage(state, free);
             }
-            let Some(noise) = self.noise(&state) else { continue };
-            if best.as_ref().is_none_or(|(least, ..)| noise < *least) {
-                best = Some((noise, state, self.sightings.clone()));
+            let noise = self.noise(&state).unwrap_or(f64::INFINITY);
+            if best.is_none_or(|(least, _)| noise < least) {
+                best = Some((noise, state.intrinsics));
             }
         }
-        let (_, state, seen) = best?;
-        let is_in = |view: usize| seen.iter().any(|sighting| sighting.view == view);
+        let state = self.locate(&best?.1, &all);
+        let is_in = |view: usize| self.sightings.iter().any(|sighting| sighting.view == view);
         let out = all.iter().filter(|sighting| !is_in(sighting.view));
         self.left_out
             .extend(out.map(|sighting| (sighting.view, RejectedBecause::NoPose)));
-        self.sightings = seen;
         Some(state)
+    }
+
+    /// Poses through this lens; the views that have one take part.
+    fn locate(&mut self, intrinsics: &Intrinsics, sightings: &[Sighting]) -> State {
+        let found = sightings
+            .iter()
+            .filter_map(|one| Some((one.clone(), start::pose(intrinsics, self.board, one)?.0)));
+        let (seen, poses): (Vec<_>, Vec<_>) = found.map(|(one, pose)| (one, pose.camera_from_board)).unzip();
+        self.sightings = seen;
+        State {
+            intrinsics: *intrinsics,
+            warp: [0.0; WARP],
+            poses,
+        }
     }
 
     /// Solves with some parameters free; where that leads nowhere the state stays.
@@ -101,14 +102,7 @@ impl Solver<'_> {
             loss,
             scale,
         };
-        let progress = &mut *self.progress;
-        minimise(&problem, state, MAX_ITERATIONS, &mut |iteration| {
-            progress(Progress {
-                views: problem.sightings.len(),
-                iteration: iteration.number,
-                cost: iteration.cost,
-            });
-        })
+        minimise(&problem, state, MAX_ITERATIONS, self.progress)
     }
 
     /// Everything free: first robustly, then plain least squares over the corners that are believed.
@@ -130,29 +124,6 @@ impl Solver<'_> {
             state = self.stage(state, Free::all(n_parameters, WarpFree::Yes));
         }
         self.minimise(state, Free::all(n_parameters, WarpFree::Yes), Loss::Squares, 1.0)
-    }
-
-    /// Tries the views without a pose once more, through the lens as it is now.
-    pub(super) fn call_back(&mut self, state: &mut State, all: &[Sighting]) {
-        let Some(noise) = self.noise(state) else { return };
-        let n_views = self.left_out.len();
-        let left_out = std::mem::take(&mut self.left_out);
-        let mut back = Vec::with_capacity(n_views);
-        for (view, reason) in left_out {
-            let sighting = all.iter().find(|sighting| sighting.view == view);
-            let found = sighting.and_then(|s| Some((s, start::pose(&state.intrinsics, self.board, s)?)));
-            match found {
-                Some((sighting, (pose, off_px)))
-                    if reason == RejectedBecause::NoPose
-                        && off_px < 2.0 * OUTLYING_VIEW * noise.max(1e-3) * sighting.corners[0].sigma_px =>
-                {
-                    back.push(sighting.clone());
-                    state.poses.push(pose.camera_from_board);
-                }
-                _ => self.left_out.push((view, reason)),
-            }
-        }
-        self.sightings.append(&mut back);
     }
 
     /// Standard deviation of the corners' coordinates, over their `sigma_px`, from the median over all corners.

@@ -11,12 +11,13 @@ use rayon::prelude::*;
 
 use super::{
     planar_pose::{PlanarPose, planar_pose},
-    problem::{Corner, Free, Problem, Sighting, State},
+    problem::{Free, Problem, Sighting, State},
     warp::{WARP, WarpedBoard},
 };
 use crate::{
     camera::{Intrinsics, LensModel, Model},
     least_squares::{arrow::minimise, loss::Loss},
+    pose::Pose,
 };
 
 /// Shortest and longest focal length supposed, in half diagonals of the picture: a round fisheye picture of 220° inside the
@@ -28,6 +29,9 @@ const FOCAL_STEP: f64 = 1.25;
 
 /// Views and corners per view that judge a supposition.
 const JUDGES: [usize; 2] = [16, 40];
+
+/// Suppositions whose poses are refined for each that is asked for.
+const REFINED: usize = 2;
 
 /// Iterations for a pose under a lens that is only supposed.
 const POSE_ITERATIONS: usize = 40;
@@ -43,30 +47,66 @@ pub(super) struct Hypothesis {
     pub(super) score_px: f64,
 }
 
-/// Suppositions by how well they explain the sightings, the best first; those without any pose are left out.
+/// The views and corners that judge suppositions: evenly taken from all.
+pub(super) fn judges(sightings: &[Sighting]) -> Vec<Sighting> {
+    let corners = |sighting: &Sighting| evenly(&sighting.corners, JUDGES[1]).copied().collect();
+    evenly(sightings, JUDGES[0])
+        .map(|sighting| Sighting {
+            view: sighting.view,
+            corners: corners(sighting),
+        })
+        .collect()
+}
+
+/// At most `count` suppositions, those that explain the sightings best, the best first; those without any pose are left out.
 pub(super) fn hypotheses(
     model: Model,
     size_px: [u32; 2],
     board: &WarpedBoard,
-    sightings: &[Sighting],
+    judges: &[Sighting],
+    count: usize,
 ) -> Vec<Hypothesis> {
-    let judges: Vec<Sighting> = evenly(sightings, JUDGES[0])
-        .map(|sighting| Sighting {
-            view: sighting.view,
-            corners: evenly(&sighting.corners, JUDGES[1]).copied().collect(),
-        })
-        .collect();
     let supposed: Vec<Intrinsics> = lenses(model, size_px).collect();
-    let mut found: Vec<Hypothesis> = supposed
-        .into_par_iter()
-        .filter_map(|intrinsics| judge(&intrinsics, board, &judges))
-        .collect();
-    found.sort_by(|a, b| a.score_px.total_cmp(&b.score_px));
-    found
+    let ranked = |supposed: Vec<Intrinsics>, pose: Locate| {
+        let mut found: Vec<Hypothesis> = supposed
+            .into_par_iter()
+            .filter_map(|lens| judge(&lens, board, judges, pose))
+            .collect();
+        found.sort_by(|a, b| a.score_px.total_cmp(&b.score_px));
+        found
+    };
+    let coarse = ranked(supposed, linear_pose);
+    let refined = coarse
+        .into_iter()
+        .take(REFINED * count)
+        .map(|hypothesis| hypothesis.intrinsics);
+    let mut best = ranked(refined.collect(), pose);
+    best.truncate(count);
+    best
 }
+
+/// How the pose of a sighting is found: with the median of its residuals, in pixels.
+type Locate = fn(&Intrinsics, &WarpedBoard, &Sighting) -> Option<(PlanarPose, f64)>;
 
 /// The pose of one sighting through this lens, refined; `None` where there is none.
 pub(super) fn pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sighting) -> Option<(PlanarPose, f64)> {
+    let (linear, _) = linear_pose(intrinsics, board, sighting)?;
+    let diagonal = DVec2::new(f64::from(intrinsics.size_px[0]), f64::from(intrinsics.size_px[1])).length();
+    let problem = Problem {
+        board,
+        sightings: std::slice::from_ref(sighting),
+        free: Free::poses(),
+        loss: Loss::Huber,
+        scale: SCALE * diagonal / sighting.corners.first()?.sigma_px,
+    };
+    let start = at(intrinsics, linear.camera_from_board);
+    // A pose that is still moving is good enough to go on from.
+    let state = minimise(&problem, start.clone(), POSE_ITERATIONS, &mut |_| {}).map_or(start, |minimum| minimum.state);
+    judged(&state, board, sighting)
+}
+
+/// The pose that the rays alone give.
+fn linear_pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sighting) -> Option<(PlanarPose, f64)> {
     let (mut points, mut rays): (Vec<DVec2>, Vec<DVec3>) = (Vec::new(), Vec::new());
     for corner in &sighting.corners {
         if let Some(ray) = intrinsics.unproject(corner.pixel) {
@@ -78,42 +118,34 @@ pub(super) fn pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sigh
         return None;
     }
     let linear = planar_pose(&points, &rays)?;
-    let one = std::slice::from_ref(sighting);
-    let diagonal = DVec2::new(f64::from(intrinsics.size_px[0]), f64::from(intrinsics.size_px[1])).length();
-    let problem = Problem {
-        board,
-        sightings: one,
-        free: Free::poses(),
-        loss: Loss::Huber,
-        scale: SCALE * diagonal / sighting.corners.first()?.sigma_px,
-    };
-    let start = State {
+    judged(&at(intrinsics, linear.camera_from_board), board, sighting)
+}
+
+fn at(intrinsics: &Intrinsics, camera_from_board: Pose) -> State {
+    State {
         intrinsics: *intrinsics,
         warp: [0.0; WARP],
-        poses: vec![linear.camera_from_board],
-    };
-    // A pose that is still moving is good enough to go on from.
-    let state = minimise(&problem, start.clone(), POSE_ITERATIONS, &mut |_| {}).map_or(start, |minimum| minimum.state);
-    let residuals = sighting.corners.iter().map(|corner| residual_px(&state, board, corner));
+        poses: vec![camera_from_board],
+    }
+}
+
+fn judged(state: &State, board: &WarpedBoard, sighting: &Sighting) -> Option<(PlanarPose, f64)> {
+    let residual = |corner| state.residual(board, 0, corner).map_or(f64::INFINITY, DVec2::length);
     let camera_from_board = state.poses[0];
     let pose = PlanarPose {
         camera_from_board,
         from_the_front: camera_from_board.inverse().translation.z > 0.0,
     };
-    Some((pose, median(residuals.collect())?))
+    Some((pose, median(sighting.corners.iter().map(residual).collect())?))
 }
 
-fn residual_px(state: &State, board: &WarpedBoard, corner: &Corner) -> f64 {
-    state.residual(board, 0, corner).map_or(f64::INFINITY, DVec2::length)
-}
-
-fn judge(intrinsics: &Intrinsics, board: &WarpedBoard, sightings: &[Sighting]) -> Option<Hypothesis> {
-    let scores = sightings
+fn judge(lens: &Intrinsics, board: &WarpedBoard, judges: &[Sighting], locate: Locate) -> Option<Hypothesis> {
+    let scores = judges
         .iter()
-        .map(|one| pose(intrinsics, board, one).map_or(f64::INFINITY, |(_, score)| score));
+        .map(|one| locate(lens, board, one).map_or(f64::INFINITY, |(_, score)| score));
     let score_px = median(scores.collect())?;
-    score_px.is_finite().then(|| Hypothesis {
-        intrinsics: *intrinsics,
+    score_px.is_finite().then_some(Hypothesis {
+        intrinsics: *lens,
         score_px,
     })
 }

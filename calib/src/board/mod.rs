@@ -7,6 +7,7 @@
 mod aprilgrid;
 mod charuco;
 mod detector;
+mod file;
 mod growth;
 mod markers;
 mod plane;
@@ -15,6 +16,7 @@ mod saddle;
 use glam::{DVec2, DVec3};
 
 pub use detector::{BoardDetector, FoundBoard, MIN_CORNERS, NotFound, Reason};
+pub use file::BoardFileError;
 
 use crate::tag::Family;
 

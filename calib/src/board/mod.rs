@@ -5,7 +5,9 @@
 //! bottom-left inner corner (chessboard).
 
 mod aprilgrid;
+mod candidates;
 mod charuco;
+mod chessboard;
 mod detector;
 mod file;
 mod growth;

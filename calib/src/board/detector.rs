@@ -1,7 +1,7 @@
 //! A picture to the corners of a board.
 
 use super::{
-    Board, BoardView, SeenCorner, aprilgrid, charuco,
+    Board, BoardView, SeenCorner, aprilgrid, charuco, chessboard,
     growth::Target,
     markers::{self, PlacedMarker},
     saddle::Saddle,
@@ -60,6 +60,22 @@ pub enum Reason {
     /// Nothing of the board is there.
     #[error("nothing of the board was found")]
     Nothing,
+    /// Not the whole chessboard, or another one.
+    #[error(
+        "a grid of `{found_long}×{found_short}` inner corners was found, `{corners}` of them clearly (needed: all of `{columns}×{rows}`)"
+    )]
+    OtherChessboard {
+        /// Inner corners along the longer side of what was found.
+        found_long: u32,
+        /// Along the shorter side.
+        found_short: u32,
+        /// Corners found of that.
+        corners: usize,
+        /// Columns of the board.
+        columns: u32,
+        /// Rows of the board.
+        rows: u32,
+    },
     /// Too little of it.
     #[error("`{found}` corners were found (needed: `{needed}`)")]
     TooFew {
@@ -126,7 +142,18 @@ impl BoardDetector {
                 let markers = self.markers()?;
                 charuco::corners(&self.luma, &self.targets, self.board.pitch_m(), &markers)
             }
-            Board::Chessboard { .. } => return Err(Reason::Nothing),
+            Board::Chessboard { columns, rows, .. } => {
+                chessboard::corners(&self.luma, [columns, rows]).map_err(|misfit| match misfit.found {
+                    [0, 0] => Reason::Nothing,
+                    [found_long, found_short] => Reason::OtherChessboard {
+                        found_long,
+                        found_short,
+                        corners: misfit.corners,
+                        columns,
+                        rows,
+                    },
+                })?
+            }
         };
         if corners.len() < MIN_CORNERS {
             return Err(Reason::TooFew {

@@ -5,8 +5,11 @@
 //! bottom-left inner corner (chessboard).
 
 mod aprilgrid;
+mod candidates;
 mod charuco;
+mod chessboard;
 mod detector;
+mod file;
 mod growth;
 mod markers;
 mod plane;
@@ -15,6 +18,7 @@ mod saddle;
 use glam::{DVec2, DVec3};
 
 pub use detector::{BoardDetector, FoundBoard, MIN_CORNERS, NotFound, Reason};
+pub use file::BoardFileError;
 
 use crate::tag::Family;
 

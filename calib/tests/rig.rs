@@ -2,19 +2,23 @@
 
 mod support;
 
-use std::{error::Error, path::Path};
+use std::{error::Error, f64::consts::PI, path::Path};
 
 use glam::{DVec2, DVec3};
 use mirrorball_calib::{
     camera::LensModel,
-    rig::{Rig, RigError, Role},
+    rig::{Rig, RigDraft, RigError, Role},
 };
 use proptest::prelude::*;
 use support::RIG;
 
 /// What to replace in the rig, by what, and what the error must contain.
 const OUT_OF_RANGE: [(&str, &str, &str); 23] = [
-    ("version = 1", "version = 2", "line 1: `version` is `2` (allowed: `1`)"),
+    (
+        "version = 1",
+        "version = 2",
+        "line 1: `version` is `2`, from a newer program",
+    ),
     (
         "name = \"scene\"",
         "name = \"../x\"",
@@ -272,7 +276,8 @@ fn the_lens_model_must_be_known_and_complete() {
     let message = error_of("\"brown_conrady\"", "\"opencv5\"");
     assert_eq!(
         message,
-        "`rig.toml`, line 10: unknown camera model `opencv5` (allowed: `brown_conrady`, `kannala_brandt`, `equisolid`)"
+        "`rig.toml`, line 10: unknown camera model `opencv5` (allowed: `brown_conrady`, `rational`, `kannala_brandt`, \
+         `equisolid`, `eucm`, `double_sphere`)"
     );
     let message = error_of("max_angle_deg = 92.5\n", "");
     assert!(
@@ -281,7 +286,9 @@ fn the_lens_model_must_be_known_and_complete() {
     );
     let message = error_of("0.0003, 0.0]", "0.0003, 0.0]\nmax_angle_deg = 40");
     assert!(
-        message.contains("`camera.lens.max_angle_deg` is `40.0` (allowed: with `kannala_brandt` and `equisolid` only)"),
+        message.contains(
+            "`camera.lens.max_angle_deg` is `40.0` (allowed: with `kannala_brandt`, `equisolid`, `eucm` and "
+        ),
         "{message}"
     );
 }
@@ -354,34 +361,93 @@ fn several_cameras_may_film_the_light() {
     assert_eq!(rig.probe_camera().map(|camera| camera.name.as_str()), Some("probe"));
 }
 
+/// The test's rig with another lens for the probe camera.
+fn with_probe_lens(model: &str, distortion: &str, angle: &str) -> Result<Rig, RigError> {
+    let from = RIG.find("model = \"kannala_brandt\"").expect("a fisheye");
+    let rest = &RIG[from..];
+    let end = from + rest.find("\n\n").expect("tables are set apart");
+    let kept: String = RIG[from..end]
+        .lines()
+        .filter(|line| line.starts_with("focal_px") || line.starts_with("principal_point_px"))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    read(&format!(
+        "{}model = \"{model}\"\n{kept}distortion = {distortion}\n{angle}\n{}",
+        &RIG[..from],
+        &RIG[end..]
+    ))
+}
+
 #[test]
-fn an_equisolid_lens_has_an_angle_and_no_coefficients() {
-    let lens = |distortion: &str, angle: &str| {
-        let from = RIG.find("model = \"kannala_brandt\"").expect("a fisheye");
-        let rest = &RIG[from..];
-        let end = from + rest.find("\n\n").expect("tables are set apart");
-        let kept: String = RIG[from..end]
-            .lines()
-            .filter(|line| line.starts_with("focal_px") || line.starts_with("principal_point_px"))
-            .map(|line| format!("{line}\n"))
-            .collect();
-        read(&format!(
-            "{}model = \"equisolid\"\n{kept}distortion = {distortion}\n{angle}\n{}",
-            &RIG[..from],
-            &RIG[end..]
-        ))
+fn every_lens_model_is_read_and_written() {
+    let angle = "max_angle_deg = 92.5";
+    let max_angle_rad = 92.5f64.to_radians();
+    let coefficients = [0.8, 0.06, 0.001, -0.0007, 0.004, 1.05, 0.09, 0.006];
+    let written = "[0.8, 0.06, 0.001, -0.0007, 0.004, 1.05, 0.09, 0.006]";
+    let eucm = |max_angle_rad| LensModel::Eucm {
+        alpha: 0.62,
+        beta: 1.1,
+        max_angle_rad,
     };
-    let rig = lens("[]", "max_angle_deg = 92.5").expect("a good lens");
-    let expected = LensModel::Equisolid {
-        max_angle_rad: 92.5f64.to_radians(),
+    let spheres = |max_angle_rad| LensModel::DoubleSphere {
+        xi: -0.2,
+        alpha: 0.6,
+        max_angle_rad,
     };
-    assert_eq!(rig.probe_camera().expect("a probe").intrinsics.lens, expected);
-    for (distortion, angle, message) in [
-        ("[0.1]", "max_angle_deg = 92.5", "an empty list"),
-        ("[]", "", "camera model `equisolid` needs `max_angle_deg`"),
-        ("[]", "max_angle_deg = 180.0", "above 0, below 180"),
+    for (model, distortion, angle, expected) in [
+        ("rational", written, "", LensModel::Rational { coefficients }),
+        ("equisolid", "[]", angle, LensModel::Equisolid { max_angle_rad }),
+        ("eucm", "[0.62, 1.1]", "", eucm(PI)),
+        ("eucm", "[0.62, 1.1]", angle, eucm(max_angle_rad)),
+        ("double_sphere", "[-0.2, 0.6]", "", spheres(PI)),
+        ("double_sphere", "[-0.2, 0.6]", angle, spheres(max_angle_rad)),
     ] {
-        let error = lens(distortion, angle).unwrap_err().to_string();
+        let rig = with_probe_lens(model, distortion, angle).expect("a good lens");
+        let intrinsics = rig.camera("probe").expect("a probe").intrinsics;
+        assert_eq!(intrinsics.lens, expected);
+        let mut draft = RigDraft::from_toml(RIG, Path::new("rig.toml")).expect("a good rig");
+        draft.set_lens("probe", &intrinsics);
+        let back = draft.parts(Path::new("rig.toml")).expect("a good rig");
+        let back = back.camera("probe").expect("a probe").intrinsics.expect("a lens");
+        assert_eq!(back.parameters(), intrinsics.parameters());
+        let apart = back.lens.max_angle_rad().unwrap_or(0.0) - intrinsics.lens.max_angle_rad().unwrap_or(0.0);
+        assert!(apart.abs() < 1e-12, "{apart}");
+    }
+}
+
+#[test]
+fn lenses_that_make_no_sense_are_refused() {
+    let angle = "max_angle_deg = 92.5";
+    for (model, distortion, angle, message) in [
+        ("equisolid", "[0.1]", angle, "an empty list"),
+        ("equisolid", "[]", "", "camera model `equisolid` needs `max_angle_deg`"),
+        ("equisolid", "[]", "max_angle_deg = 180.0", "above 0, below 180"),
+        ("rational", "[0.1, 0.0, 0.0, 0.0, 0.0]", "", "eight finite numbers"),
+        ("rational", "[0.0, 0.0, 0.4, 0.0, 0.0, 0.1, 0.0, 0.0]", "", "one to one"),
+        (
+            "rational",
+            "[0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0]",
+            angle,
+            "is `92.5` (allowed: with",
+        ),
+        ("eucm", "[0.6]", "", "two finite numbers: alpha, beta"),
+        ("eucm", "[0.6, 0.0]", "", "one to one"),
+        ("double_sphere", "[0.6, nan]", "", "two finite numbers: xi, alpha"),
+        ("double_sphere", "[-1.0, 0.6]", "", "one to one"),
+        (
+            "double_sphere",
+            "[-0.1, 0.6]",
+            "max_angle_deg = 181",
+            "above 0, at most 180",
+        ),
+        (
+            "fov",
+            "[0.9]",
+            "",
+            "unknown camera model `fov` (allowed: `brown_conrady`, `rational`,",
+        ),
+    ] {
+        let error = with_probe_lens(model, distortion, angle).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
     }
 }

@@ -56,7 +56,7 @@ fn drawn_markers_are_found_where_they_are() {
 
 #[test]
 fn pictures_without_markers_have_none() {
-    let mut detector = Detector::new(&Family::ALL);
+    let mut detector = Detector::new(&[Family::Tag36h11]);
     for size in [
         [0, 0],
         [1, 1],

@@ -66,7 +66,7 @@ pub enum RenderError {
     LensTooWide {
         /// Camera's name.
         camera: String,
-        /// Its `max_angle_deg`.
+        /// The largest angle in its picture, degrees.
         angle_deg: f64,
     },
     /// The pictures are not those of the rig.

@@ -99,13 +99,36 @@ fn fisheye_case() -> ProbeCase {
     fisheye_case_of(|_| ())
 }
 
-/// The same through another lens.
-fn equisolid_case() -> ProbeCase {
-    fisheye_case_of(|camera| {
-        camera.intrinsics.lens = LensModel::Equisolid {
-            max_angle_rad: 92.5f64.to_radians(),
-        };
-    })
+/// The same through other lenses.
+fn other_lenses() -> Vec<(&'static str, ProbeCase)> {
+    let max_angle_rad = 92.5f64.to_radians();
+    [
+        ("an equisolid fisheye", LensModel::Equisolid { max_angle_rad }),
+        (
+            "an EUCM fisheye",
+            LensModel::Eucm {
+                alpha: 0.62,
+                beta: 1.1,
+                max_angle_rad,
+            },
+        ),
+        (
+            "a double sphere fisheye",
+            LensModel::DoubleSphere {
+                xi: -0.2,
+                alpha: 0.6,
+                max_angle_rad: 3.0,
+            },
+        ),
+        (
+            "a rational lens",
+            LensModel::Rational {
+                coefficients: [0.8, 0.06, 1e-3, -7e-4, 0.004, 1.05, 0.09, 0.006],
+            },
+        ),
+    ]
+    .map(|(name, lens)| (name, fisheye_case_of(|camera| camera.intrinsics.lens = lens)))
+    .into()
 }
 
 fn fisheye_case_of(change: impl Fn(&mut Camera)) -> ProbeCase {
@@ -232,7 +255,9 @@ fn radiance_map_equals_its_twin() {
     let Some(gpu) = support::gpu() else { return };
     assert_radiance_map(&gpu, "radiance_map of a ball", &ball_case());
     assert_radiance_map(&gpu, "radiance_map of a fisheye", &fisheye_case());
-    assert_radiance_map(&gpu, "radiance_map of an equisolid fisheye", &equisolid_case());
+    for (name, case) in other_lenses() {
+        assert_radiance_map(&gpu, &format!("radiance_map of {name}"), &case);
+    }
 }
 
 #[test]

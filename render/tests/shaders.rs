@@ -124,6 +124,7 @@ fn shared_structs_have_one_layout() {
             position_m,
             focal_and_principal_px,
             distortion,
+            denominator,
             limits,
             signal_per_radiance,
             vignetting_and_depth,

@@ -4,7 +4,21 @@
 //! metres. The origin is the bottom-left corner of the bottom-left marker (AprilGrid), of the bottom-left square (ChArUco), or the
 //! bottom-left inner corner (chessboard).
 
+mod aprilgrid;
+mod candidates;
+mod charuco;
+mod chessboard;
+mod detector;
+mod file;
+mod growth;
+mod markers;
+mod plane;
+mod saddle;
+
 use glam::{DVec2, DVec3};
+
+pub use detector::{BoardDetector, FoundBoard, MIN_CORNERS, NotFound, Reason};
+pub use file::BoardFileError;
 
 use crate::tag::Family;
 
@@ -43,6 +57,8 @@ pub enum Board {
         side_m: f64,
         /// Id of the top-left marker.
         first_id: u32,
+        /// Which square is at the top left.
+        pattern: CharucoPattern,
     },
     /// A chessboard.
     Chessboard {
@@ -53,6 +69,15 @@ pub enum Board {
         /// Side of a square.
         square_m: f64,
     },
+}
+
+/// Colours of a ChArUco board; the two differ for an even number of rows only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CharucoPattern {
+    /// The top-left square is black (OpenCV from 4.6 on).
+    BlackTopLeft,
+    /// The bottom-left square is black, whatever that makes of the top-left one (OpenCV before 4.6, its "legacy pattern").
+    BlackBottomLeft,
 }
 
 /// A board in a picture.

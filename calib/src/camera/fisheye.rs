@@ -2,26 +2,42 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{INVERSE_ITERATIONS, INVERSE_TOLERANCE};
+use super::{INVERSE_ITERATIONS, INVERSE_TOLERANCE, MAX_TANGENT, double_sphere::DoubleSphere, eucm::Eucm};
 
 /// Largest angular radius, relative to depth, at which the formulas are replaced by their limit on the axis.
 const AXIS_RATIO: f64 = 1e-9;
 
 /// A lens of rotational symmetry that may see beyond 90 degrees.
 pub(super) struct Fisheye {
-    pub(super) law: Law,
+    law: Law,
+    /// Nothing is imaged beyond.
     pub(super) max_angle_rad: f64,
 }
 
-/// Distance from the principal point, in focal lengths, by the angle θ to the axis; every law begins like θ.
+/// Distance from the principal point, in focal lengths, by the angle θ to the axis.
 pub(super) enum Law {
     /// `θ (1 + k[0] θ² + k[1] θ⁴ + k[2] θ⁶ + k[3] θ⁸)`.
     Polynomial([f64; 4]),
     /// `2 sin(θ/2)`.
     Equisolid,
+    Eucm(Eucm),
+    DoubleSphere(DoubleSphere),
 }
 
 impl Fisheye {
+    /// A lens that images nothing beyond an angle, in radians, nor beyond what its law can image one to one.
+    pub(super) fn new(law: Law, max_angle_rad: f64) -> Self {
+        let own = match &law {
+            Law::Polynomial(_) | Law::Equisolid => max_angle_rad,
+            Law::Eucm(eucm) => eucm.angle(eucm.largest_radius().min(MAX_TANGENT)),
+            Law::DoubleSphere(spheres) => spheres.angle(spheres.largest_radius().min(MAX_TANGENT)),
+        };
+        Self {
+            law,
+            max_angle_rad: max_angle_rad.min(own),
+        }
+    }
+
     /// Distance from the principal point, in focal lengths, at this angle to the axis.
     pub(super) fn radius(&self, angle: f64) -> f64 {
         match &self.law {
@@ -30,6 +46,8 @@ impl Fisheye {
                 angle * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
             }
             Law::Equisolid => 2.0 * (0.5 * angle).sin(),
+            Law::Eucm(eucm) => eucm.radius(angle),
+            Law::DoubleSphere(spheres) => spheres.radius(angle),
         }
     }
 
@@ -41,14 +59,42 @@ impl Fisheye {
                 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
             }
             Law::Equisolid => (0.5 * angle).cos(),
+            Law::Eucm(eucm) => eucm.slope(angle),
+            Law::DoubleSphere(spheres) => spheres.slope(angle),
         }
+    }
+
+    /// Derivatives of [`Self::radius`] by the coefficients, in their order; zero from their number on.
+    pub(super) fn by_coefficients(&self, angle: f64) -> [f64; 4] {
+        let [first, second] = match &self.law {
+            Law::Polynomial(_) => return [3, 5, 7, 9].map(|power| angle.powi(power)),
+            Law::Equisolid => [0.0; 2],
+            Law::Eucm(eucm) => eucm.by_coefficients(angle),
+            Law::DoubleSphere(spheres) => spheres.by_coefficients(angle),
+        };
+        [first, second, 0.0, 0.0]
+    }
+
+    /// Distance, in focal lengths, from the picture of a point at this angle to the end of the picture; beyond the end minus
+    /// the angle that is missing.
+    pub(super) fn to_rim(&self, angle: f64) -> f64 {
+        if angle > self.max_angle_rad {
+            return self.max_angle_rad - angle;
+        }
+        self.radius(self.max_angle_rad) - self.radius(angle)
     }
 
     /// Whether everything up to the largest angle has a pixel of its own.
     pub(super) fn is_one_to_one(&self) -> bool {
         const STEPS: u32 = 4096;
-        let monotone = (0..=STEPS).all(|i| self.slope(self.max_angle_rad * f64::from(i) / f64::from(STEPS)) > 0.0);
-        self.max_angle_rad > 0.0 && self.max_angle_rad <= std::f64::consts::PI && monotone
+        let is_one_to_one = match &self.law {
+            Law::Polynomial(_) | Law::Equisolid => {
+                (0..=STEPS).all(|i| self.slope(self.max_angle_rad * f64::from(i) / f64::from(STEPS)) > 0.0)
+            }
+            Law::Eucm(eucm) => eucm.is_valid(),
+            Law::DoubleSphere(spheres) => spheres.is_valid(),
+        };
+        self.max_angle_rad > 0.0 && self.max_angle_rad <= std::f64::consts::PI && is_one_to_one
     }
 
     /// Normalised picture coordinates of a point; `None` for one that the lens does not image.
@@ -59,7 +105,7 @@ impl Fisheye {
             return None;
         }
         Some(if is_on_axis(rho, point.z) {
-            point.truncate() / point.z
+            point.truncate() * (self.slope(0.0) / point.z)
         } else {
             point.truncate() * (self.radius(angle) / rho)
         })
@@ -77,9 +123,10 @@ impl Fisheye {
         let DVec3 { x, y, z } = point;
         let rho = point.truncate().length();
         if is_on_axis(rho, z) {
+            let scale = self.slope(0.0) / z;
             return [
-                DVec3::new(1.0 / z, 0.0, -x / (z * z)),
-                DVec3::new(0.0, 1.0 / z, -y / (z * z)),
+                DVec3::new(scale, 0.0, -x * scale / z),
+                DVec3::new(0.0, scale, -y * scale / z),
             ];
         }
         let angle = rho.atan2(z);
@@ -96,15 +143,21 @@ impl Fisheye {
         ]
     }
 
-    /// Inverse of [`Self::radius`]: for the polynomial Newton's method, kept inside a shrinking bracket.
+    /// Inverse of [`Self::radius`]: in closed form, or for the polynomial by Newton's method inside a shrinking bracket.
     fn angle(&self, radius: f64) -> Option<f64> {
         let end = self.radius(self.max_angle_rad);
         if radius > end + INVERSE_TOLERANCE {
             return None;
         }
-        if let Law::Equisolid = self.law {
-            return Some(2.0 * (0.5 * radius.min(end)).asin());
+        match &self.law {
+            Law::Polynomial(_) => self.polynomial_angle(radius),
+            Law::Equisolid => Some(2.0 * (0.5 * radius.min(end)).asin()),
+            Law::Eucm(eucm) => Some(eucm.angle(radius.min(end))),
+            Law::DoubleSphere(spheres) => Some(spheres.angle(radius.min(end))),
         }
+    }
+
+    fn polynomial_angle(&self, radius: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0, self.max_angle_rad);
         let mut angle = radius.min(self.max_angle_rad);
         for _ in 0..INVERSE_ITERATIONS {

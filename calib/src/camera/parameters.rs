@@ -1,10 +1,10 @@
 //! A lens as a list of numbers, and how pixels move with them: what solvers work on.
 
-use std::{fmt, str::FromStr};
+use std::{f64::consts::PI, fmt, str::FromStr};
 
 use glam::{DVec2, DVec3};
 
-use super::{Intrinsics, LensModel, Optics};
+use super::{Intrinsics, LensModel, Optics, perspective::Perspective};
 
 /// Most numbers that any model has: focal lengths, principal point and eight coefficients.
 pub const MAX_PARAMETERS: usize = 12;
@@ -14,10 +14,16 @@ pub const MAX_PARAMETERS: usize = 12;
 pub enum Model {
     /// [`LensModel::BrownConrady`].
     BrownConrady,
+    /// [`LensModel::Rational`].
+    Rational,
     /// [`LensModel::KannalaBrandt`].
     KannalaBrandt,
     /// [`LensModel::Equisolid`].
     Equisolid,
+    /// [`LensModel::Eucm`].
+    Eucm,
+    /// [`LensModel::DoubleSphere`].
+    DoubleSphere,
 }
 
 /// There is no lens model of this name.
@@ -43,15 +49,25 @@ pub struct Jacobians {
 
 impl Model {
     /// Every model.
-    pub const ALL: [Self; 3] = [Self::BrownConrady, Self::KannalaBrandt, Self::Equisolid];
+    pub const ALL: [Self; 6] = [
+        Self::BrownConrady,
+        Self::Rational,
+        Self::KannalaBrandt,
+        Self::Equisolid,
+        Self::Eucm,
+        Self::DoubleSphere,
+    ];
 
     /// Name, as in rig files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::BrownConrady => "brown_conrady",
+            Self::Rational => "rational",
             Self::KannalaBrandt => "kannala_brandt",
             Self::Equisolid => "equisolid",
+            Self::Eucm => "eucm",
+            Self::DoubleSphere => "double_sphere",
         }
     }
 
@@ -60,8 +76,11 @@ impl Model {
     pub fn parameter_names(self) -> &'static [&'static str] {
         match self {
             Self::BrownConrady => &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"],
+            Self::Rational => &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
             Self::KannalaBrandt => &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"],
             Self::Equisolid => &["fx", "fy", "cx", "cy"],
+            Self::Eucm => &["fx", "fy", "cx", "cy", "alpha", "beta"],
+            Self::DoubleSphere => &["fx", "fy", "cx", "cy", "xi", "alpha"],
         }
     }
 
@@ -69,8 +88,8 @@ impl Model {
     #[must_use]
     pub fn is_fisheye(self) -> bool {
         match self {
-            Self::BrownConrady => false,
-            Self::KannalaBrandt | Self::Equisolid => true,
+            Self::BrownConrady | Self::Rational => false,
+            Self::KannalaBrandt | Self::Equisolid | Self::Eucm | Self::DoubleSphere => true,
         }
     }
 
@@ -105,8 +124,11 @@ impl LensModel {
     pub fn model(&self) -> Model {
         match self {
             Self::BrownConrady { .. } => Model::BrownConrady,
+            Self::Rational { .. } => Model::Rational,
             Self::KannalaBrandt { .. } => Model::KannalaBrandt,
             Self::Equisolid { .. } => Model::Equisolid,
+            Self::Eucm { .. } => Model::Eucm,
+            Self::DoubleSphere { .. } => Model::DoubleSphere,
         }
     }
 
@@ -115,27 +137,55 @@ impl LensModel {
     pub fn coefficients(&self) -> Vec<f64> {
         match *self {
             Self::BrownConrady { k1, k2, p1, p2, k3 } => vec![k1, k2, p1, p2, k3],
+            Self::Rational { coefficients } => coefficients.to_vec(),
             Self::KannalaBrandt { k, .. } => k.to_vec(),
             Self::Equisolid { .. } => Vec::new(),
+            Self::Eucm { alpha, beta, .. } => vec![alpha, beta],
+            Self::DoubleSphere { xi, alpha, .. } => vec![xi, alpha],
         }
+    }
+
+    /// The lens of a model with these coefficients, in the order of [`Self::coefficients`]; `None` when their number is not the
+    /// model's. They are not checked otherwise: ask [`Self::is_usable`].
+    ///
+    /// `max_angle_rad` is the angle beyond which nothing is imaged; a perspective lens has none.
+    #[must_use]
+    pub fn from_coefficients(model: Model, values: &[f64], max_angle_rad: f64) -> Option<Self> {
+        Some(match (model, values) {
+            (Model::BrownConrady, &[k1, k2, p1, p2, k3]) => Self::BrownConrady { k1, k2, p1, p2, k3 },
+            (Model::Rational, &[..]) => Self::Rational {
+                coefficients: values.try_into().ok()?,
+            },
+            (Model::KannalaBrandt, &[k1, k2, k3, k4]) => Self::KannalaBrandt {
+                k: [k1, k2, k3, k4],
+                max_angle_rad,
+            },
+            (Model::Equisolid, &[]) => Self::Equisolid { max_angle_rad },
+            (Model::Eucm, &[alpha, beta]) => Self::Eucm {
+                alpha,
+                beta,
+                max_angle_rad,
+            },
+            (Model::DoubleSphere, &[xi, alpha]) => Self::DoubleSphere {
+                xi,
+                alpha,
+                max_angle_rad,
+            },
+            _ => return None,
+        })
     }
 
     /// The same kind of lens with other coefficients; what is no coefficient, such as the largest angle, stays.
     fn with_coefficients(&self, values: &[f64]) -> Self {
-        match *self {
-            Self::BrownConrady { .. } => Self::BrownConrady {
-                k1: values[0],
-                k2: values[1],
-                p1: values[2],
-                p2: values[3],
-                k3: values[4],
-            },
-            Self::KannalaBrandt { max_angle_rad, .. } => Self::KannalaBrandt {
-                k: [values[0], values[1], values[2], values[3]],
-                max_angle_rad,
-            },
-            Self::Equisolid { max_angle_rad } => Self::Equisolid { max_angle_rad },
-        }
+        let max_angle_rad = match *self {
+            Self::BrownConrady { .. } | Self::Rational { .. } => PI,
+            Self::KannalaBrandt { max_angle_rad, .. }
+            | Self::Equisolid { max_angle_rad }
+            | Self::Eucm { max_angle_rad, .. }
+            | Self::DoubleSphere { max_angle_rad, .. } => max_angle_rad,
+        };
+        let count = self.model().parameter_names().len() - 4;
+        Self::from_coefficients(self.model(), &values[..count], max_angle_rad).expect("as many as the model has")
     }
 }
 
@@ -180,20 +230,22 @@ impl Intrinsics {
             }
         };
         match Optics::of(&self.lens) {
-            Optics::Perspective(_) => {
-                let DVec2 { x, y } = point_camera.truncate() / point_camera.z;
-                let s = x * x + y * y;
-                coefficients(0, DVec2::new(x, y) * s);
-                coefficients(1, DVec2::new(x, y) * s * s);
-                coefficients(2, DVec2::new(2.0 * x * y, s + 2.0 * y * y));
-                coefficients(3, DVec2::new(s + 2.0 * x * x, 2.0 * x * y));
-                coefficients(4, DVec2::new(x, y) * s * s * s);
+            Optics::Perspective(lens) => {
+                let plane = point_camera.truncate() / point_camera.z;
+                let radial = lens.radial.by_coefficients(plane.length_squared());
+                let [k1, k2, k3, k4, k5, k6] = radial.map(|derivative| plane * derivative);
+                let [p1, p2] = Perspective::by_tangential(plane);
+                let in_order = [k1, k2, p1, p2, k3, k4, k5, k6];
+                let count = self.lens.model().parameter_names().len() - 4;
+                for (index, &derivative) in in_order[..count].iter().enumerate() {
+                    coefficients(index, derivative);
+                }
             }
-            Optics::Fisheye(_) => {
+            Optics::Fisheye(lens) => {
                 let outwards = point_camera.truncate().try_normalize().unwrap_or(DVec2::ZERO);
                 let angle = point_camera.truncate().length().atan2(point_camera.z);
-                for index in 0..self.lens.coefficients().len() {
-                    coefficients(index, outwards * angle.powi(3 + 2 * index as i32));
+                for (index, derivative) in lens.by_coefficients(angle).into_iter().enumerate() {
+                    coefficients(index, outwards * derivative);
                 }
             }
         }
@@ -209,56 +261,6 @@ impl Intrinsics {
 mod tests {
     use super::*;
 
-    /// Central differences of the pixel by every parameter.
-    fn check(intrinsics: &Intrinsics, point: DVec3) {
-        let jacobians = intrinsics.project_with_jacobians(point).unwrap();
-        let parameters = intrinsics.parameters();
-        for index in 0..parameters.len() {
-            let step = 1e-6 * parameters[index].abs().max(1.0);
-            let moved = |sign: f64| {
-                let mut parameters = parameters.clone();
-                parameters[index] += sign * step;
-                intrinsics.with_parameters(&parameters).project(point).unwrap()
-            };
-            let numeric = (moved(1.0) - moved(-1.0)) / (2.0 * step);
-            for axis in 0..2 {
-                let exact = jacobians.by_parameters[axis][index];
-                assert!(
-                    (numeric[axis] - exact).abs() < 1e-4 * (1.0 + exact.abs()),
-                    "{index}: {numeric} {exact}"
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn derivatives_agree_with_differences() {
-        for lens in [
-            LensModel::BrownConrady {
-                k1: -0.2,
-                k2: 0.05,
-                p1: 1e-3,
-                p2: -5e-4,
-                k3: 0.01,
-            },
-            LensModel::KannalaBrandt {
-                k: [-0.0121, 0.0058, -0.0021, 0.00021],
-                max_angle_rad: 1.7,
-            },
-            LensModel::Equisolid { max_angle_rad: 2.0 },
-        ] {
-            let intrinsics = Intrinsics {
-                size_px: [640, 480],
-                focal_px: DVec2::new(605.5, 604.0),
-                principal_point_px: DVec2::new(320.9, 238.4),
-                lens,
-            };
-            for point in [DVec3::new(0.3, -0.2, 0.7), DVec3::new(-0.01, 0.4, 1.0), DVec3::Z] {
-                check(&intrinsics, point);
-            }
-        }
-    }
-
     #[test]
     fn names_and_numbers_agree() {
         for model in Model::ALL {
@@ -267,7 +269,8 @@ mod tests {
         let error = "fov".parse::<Model>().unwrap_err();
         assert_eq!(
             error.to_string(),
-            "unknown camera model `fov` (allowed: `brown_conrady`, `kannala_brandt`, `equisolid`)"
+            "unknown camera model `fov` (allowed: `brown_conrady`, `rational`, `kannala_brandt`, `equisolid`, `eucm`, \
+             `double_sphere`)"
         );
     }
 }

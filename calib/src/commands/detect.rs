@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
             let camera = rig.camera(name).ok_or_else(|| no_camera(&rig, file, name))?;
             (Taker::Known(Box::new(camera.clone())), families(&rig))
         }
-        (None, _) | (_, None) => (Taker::Plain, Family::ALL.to_vec()),
+        (None, _) | (_, None) => (Taker::Plain, vec![Family::Tag36h11]),
     };
     let mut finder = Finder::new(&families);
     for file in &args.images {

@@ -4,9 +4,11 @@ pub(crate) mod check;
 pub(crate) mod detect;
 mod explain;
 mod input;
+pub(crate) mod intrinsics;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod probe;
+mod progress;
 
 use std::{
     fs, io,

@@ -3,8 +3,10 @@
 //! Routines say *what* is to be shown ([`Block`], [`Plot`]); how it looks is decided here alone. Nothing is opened and
 //! nothing refers to anything outside the page.
 
+mod base64;
 mod page;
 pub mod plot;
+mod text;
 
 pub use plot::Plot;
 

@@ -1,6 +1,23 @@
 //! Data of plots, and their drawing as SVG.
+//!
+//! Routines fill these types. How they look is decided in the modules below, one file per kind of plot.
 
-/// What is to be plotted. Values that are not finite are left out.
+mod chart;
+mod colour_scale;
+mod frame;
+mod heat_map;
+mod patches;
+mod svg;
+mod thin;
+mod ticks;
+mod vectors;
+
+use maud::Markup;
+
+/// Largest magnitude that is drawn. What is beyond overflows when axes are laid out, and is left out as if not finite.
+const MAX_MAGNITUDE: f64 = 1e300;
+
+/// What is to be plotted. Values that are not finite, or beyond ±1e300, are left out.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Plot {
     /// Points and lines over two axes.
@@ -18,7 +35,7 @@ pub enum Plot {
         size_px: [u32; 2],
         /// Place and vector, in pixels.
         vectors: Vec<([f64; 2], [f64; 2])>,
-        /// Enlargement.
+        /// Enlargement; 1 where it is not a finite number above 0.
         scale: f64,
     },
     /// A value per cell of a grid that covers a picture.
@@ -62,7 +79,7 @@ pub enum Scale {
 /// Points that belong together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// What they are.
+    /// What they are. Series called `red`, `green` and `blue` are drawn in these colours, others in colours of their own.
     pub name: String,
     /// x and y.
     pub points: Vec<[f64; 2]>,
@@ -100,3 +117,33 @@ impl Axis {
         }
     }
 }
+
+impl Plot {
+    /// The drawing: SVG, and a legend beside it where there is something to explain. `name` says to those who cannot see
+    /// it what it shows.
+    pub(super) fn draw(&self, name: &str) -> Markup {
+        match self {
+            Self::Chart { x, y, series } => chart::draw(name, x, y, series),
+            Self::Vectors {
+                size_px,
+                vectors,
+                scale,
+            } => vectors::draw(name, *size_px, vectors, *scale),
+            Self::HeatMap {
+                size_px,
+                columns,
+                values,
+                value,
+            } => heat_map::draw(name, *size_px, &heat_map::Grid::new(*columns, values), value),
+            Self::Patches { columns, rows } => patches::draw(name, columns, rows),
+        }
+    }
+}
+
+/// Whether a value can be drawn.
+fn is_drawable(value: f64) -> bool {
+    value.abs() <= MAX_MAGNITUDE
+}
+
+#[cfg(test)]
+mod tests;

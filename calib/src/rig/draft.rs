@@ -1,6 +1,6 @@
 //! A rig file being written: what a routine has measured is put in, everything else stays as it is, comments too.
 
-use std::path::Path;
+use std::{f64::consts::PI, path::Path};
 
 use glam::DMat3;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, Value, value};
@@ -84,7 +84,16 @@ impl RigDraft {
             LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad } => {
                 lens["max_angle_deg"] = value(max_angle_rad.to_degrees());
             }
-            LensModel::BrownConrady { .. } => {
+            // π is the default of these.
+            LensModel::Eucm { max_angle_rad, .. } | LensModel::DoubleSphere { max_angle_rad, .. }
+                if max_angle_rad < PI =>
+            {
+                lens["max_angle_deg"] = value(max_angle_rad.to_degrees());
+            }
+            LensModel::BrownConrady { .. }
+            | LensModel::Rational { .. }
+            | LensModel::Eucm { .. }
+            | LensModel::DoubleSphere { .. } => {
                 lens.remove("max_angle_deg");
             }
         }

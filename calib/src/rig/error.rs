@@ -2,7 +2,7 @@
 
 use std::{fmt, path::PathBuf};
 
-use crate::{pose::PoseError, response::ResponseError};
+use crate::{camera::UnknownModel, pose::PoseError, response::ResponseError};
 
 /// A line of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,12 +53,12 @@ pub enum RigError {
         allowed: String,
     },
     /// The lens model is not one that this program knows.
-    #[error("{place}: unknown camera model `{found}` (allowed: `brown_conrady`, `kannala_brandt`, `equisolid`)")]
+    #[error("{place}: {model}")]
     LensModel {
         /// Where.
         place: Place,
-        /// The model.
-        found: String,
+        /// The model, and those that there are.
+        model: UnknownModel,
     },
     /// A matrix is not a pose.
     #[error("{place}: `{key}` is not a pose")]
@@ -155,8 +155,8 @@ impl RigError {
         match self {
             Self::Syntax { .. } => Some("`configs/README.md` lists every key of `rig.toml`"),
             Self::LensModel { .. } => Some(concat!(
-                "`brown_conrady` takes OpenCV's k1 k2 p1 p2 k3, `kannala_brandt` OpenCV's fisheye k1 k2 k3 k4, ",
-                "`equisolid` no coefficients"
+                "`brown_conrady` takes OpenCV's k1 k2 p1 p2 k3, `rational` its k1 k2 p1 p2 k3 k4 k5 k6, `kannala_brandt` its ",
+                "fisheye k1 k2 k3 k4, `equisolid` nothing, `eucm` alpha beta, `double_sphere` xi alpha"
             )),
             Self::Pose { .. } => {
                 Some("a pose is three rows `[r00, r01, r02, t]` of a rotation and a translation in metres")

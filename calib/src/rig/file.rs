@@ -1,6 +1,6 @@
 //! The rig file: its keys as they are written, and how they become checked types.
 
-use std::{fmt::Debug, path::Path};
+use std::{f64::consts::PI, fmt::Debug, path::Path};
 
 use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
@@ -8,7 +8,7 @@ use toml::Spanned;
 
 use super::{Ball, Camera, Marker, PartialCamera, Place, Rig, RigError, RigParts, Role};
 use crate::{
-    camera::{Intrinsics, LensModel},
+    camera::{Intrinsics, LensModel, Model},
     photometry::Photometry,
     pose::Pose,
     response::ResponseCurve,
@@ -322,63 +322,24 @@ impl Source<'_> {
 
     fn lens(&self, entry: &LensEntry) -> Result<LensModel, RigError> {
         const KEY: &str = "camera.lens.distortion";
-        let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
         let distortion = &entry.distortion;
-        let values = distortion.get_ref();
-        let lens = match entry.model.get_ref().as_str() {
-            "brown_conrady" => {
-                self.check(
-                    distortion,
-                    KEY,
-                    |d| d.len() == 5 && finite(d),
-                    "five finite numbers: k1, k2, p1, p2, k3",
-                )?;
-                if let Some(angle) = &entry.max_angle_deg {
-                    self.check(
-                        angle,
-                        "camera.lens.max_angle_deg",
-                        |_| false,
-                        "with `kannala_brandt` and `equisolid` only",
-                    )?;
-                }
-                LensModel::BrownConrady {
-                    k1: values[0],
-                    k2: values[1],
-                    p1: values[2],
-                    p2: values[3],
-                    k3: values[4],
-                }
-            }
-            "kannala_brandt" => {
-                self.check(
-                    distortion,
-                    KEY,
-                    |d| d.len() == 4 && finite(d),
-                    "four finite numbers: k1, k2, k3, k4",
-                )?;
-                LensModel::KannalaBrandt {
-                    k: [values[0], values[1], values[2], values[3]],
-                    max_angle_rad: self.max_angle_rad(entry, ("above 0, at most 180", |a| a > 0.0 && a <= 180.0))?,
-                }
-            }
-            "equisolid" => {
-                self.check(
-                    distortion,
-                    KEY,
-                    Vec::is_empty,
-                    "an empty list: the model has no coefficients",
-                )?;
-                LensModel::Equisolid {
-                    max_angle_rad: self.max_angle_rad(entry, ("above 0, below 180", |a| a > 0.0 && a < 180.0))?,
-                }
-            }
-            found => {
-                return Err(RigError::LensModel {
-                    place: self.place_of(&entry.model),
-                    found: found.to_owned(),
-                });
-            }
+        let model = entry.model.get_ref().parse().map_err(|error| RigError::LensModel {
+            place: self.place_of(&entry.model),
+            model: error,
+        })?;
+        let allowed = match model {
+            Model::BrownConrady => "five finite numbers: k1, k2, p1, p2, k3",
+            Model::Rational => "eight finite numbers: k1, k2, p1, p2, k3, k4, k5, k6",
+            Model::KannalaBrandt => "four finite numbers: k1, k2, k3, k4",
+            Model::Equisolid => "an empty list: the model has no coefficients",
+            Model::Eucm => "two finite numbers: alpha, beta",
+            Model::DoubleSphere => "two finite numbers: xi, alpha",
         };
+        let max_angle_rad = self.max_angle_rad(entry, model)?;
+        let lens = LensModel::from_coefficients(model, distortion.get_ref(), max_angle_rad);
+        let lens = lens.filter(|lens| lens.coefficients().iter().all(|x| x.is_finite()));
+        self.check(distortion, KEY, |_| lens.is_some(), allowed)?;
+        let lens = lens.expect("checked: as many numbers as the model has");
         self.check(
             distortion,
             KEY,
@@ -388,21 +349,31 @@ impl Source<'_> {
         Ok(lens)
     }
 
-    /// The angle beyond which a fisheye images nothing, and what it may be, in degrees.
-    fn max_angle_rad(
-        &self,
-        entry: &LensEntry,
-        (allowed, is_allowed): (&str, fn(f64) -> bool),
-    ) -> Result<f64, RigError> {
-        let Some(angle) = &entry.max_angle_deg else {
-            return Err(RigError::Entry {
-                place: self.place_of(&entry.model),
-                subject: format!("camera model `{}`", entry.model.get_ref()),
-                problem: "needs `max_angle_deg`, the angle beyond which nothing is imaged",
-            });
+    /// The angle beyond which a fisheye images nothing; π when the file leaves it to the model.
+    fn max_angle_rad(&self, entry: &LensEntry, model: Model) -> Result<f64, RigError> {
+        const KEY: &str = "camera.lens.max_angle_deg";
+        let (allowed, is_allowed): (_, fn(&f64) -> bool) = match model {
+            Model::BrownConrady | Model::Rational => (
+                "with `kannala_brandt`, `equisolid`, `eucm` and `double_sphere` only",
+                |_| false,
+            ),
+            Model::Equisolid => ("above 0, below 180", |&angle| angle > 0.0 && angle < 180.0),
+            Model::KannalaBrandt | Model::Eucm | Model::DoubleSphere => {
+                ("above 0, at most 180", |&angle| angle > 0.0 && angle <= 180.0)
+            }
         };
-        self.check(angle, "camera.lens.max_angle_deg", |&angle| is_allowed(angle), allowed)?;
-        Ok(angle.get_ref().to_radians())
+        if let Some(angle) = &entry.max_angle_deg {
+            self.check(angle, KEY, is_allowed, allowed)?;
+            return Ok(angle.get_ref().to_radians());
+        }
+        match model {
+            Model::KannalaBrandt | Model::Equisolid => Err(RigError::Entry {
+                place: self.place_of(&entry.model),
+                subject: format!("camera model `{model}`"),
+                problem: "needs `max_angle_deg`, the angle beyond which nothing is imaged",
+            }),
+            Model::BrownConrady | Model::Rational | Model::Eucm | Model::DoubleSphere => Ok(PI),
+        }
     }
 
     fn photometry(&self, entry: &PhotometryEntry) -> Result<Photometry, RigError> {

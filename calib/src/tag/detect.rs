@@ -12,6 +12,9 @@ const MAX_SIDE: usize = 32_767;
 /// Smallest width and height in which a marker can be found: ten cells of a pixel and a half, black border and white.
 const MIN_SIDE: usize = 15;
 
+/// Widest border, in cells.
+const MAX_BORDER: u32 = 8;
+
 /// A grey picture in somebody's memory: 8 bits, rows from the top, `stride` bytes from row to row.
 #[derive(Clone, Copy)]
 pub struct LumaView<'a> {
@@ -158,8 +161,14 @@ impl Detector {
     /// A detector for these families.
     #[must_use]
     pub fn new(families: &[Family]) -> Self {
+        Self::with_border(families, 1)
+    }
+
+    /// A detector for markers whose black border is so many cells wide; at most 8.
+    #[must_use]
+    pub fn with_border(families: &[Family], border_bits: u32) -> Self {
         Self {
-            library: Library::new(families),
+            library: Library::new(families, border_bits.min(MAX_BORDER)),
         }
     }
 

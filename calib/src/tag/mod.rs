@@ -10,7 +10,7 @@ mod linearise;
 mod refine;
 
 pub use detect::{Detection, Detector, LumaError, LumaView};
-pub use family::{Family, UnknownFamily};
+pub use family::{DictionarySize, Family, UnknownFamily};
 pub use finder::{Finder, PictureError};
 pub use linearise::LinearLuma;
 pub use refine::refine_corners;

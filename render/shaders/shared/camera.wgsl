@@ -7,6 +7,7 @@ struct Camera {
     position_m: vec4f,
     focal_and_principal_px: vec4f,
     distortion: vec4f,
+    denominator: vec4f,
     limits: vec4f,
     signal_per_radiance: vec4f,
     vignetting_and_depth: vec4f,
@@ -18,6 +19,15 @@ fn is_fisheye(camera: Camera) -> bool {
 
 // Distance from the principal point, in focal lengths, at an angle to the axis.
 fn fisheye_radius(camera: Camera, theta: f32) -> f32 {
+    if camera.position_m.w > 2.5 {
+        // Double sphere (Usenko et al. 2018), which with xi = 0 is the unified model, here with the enhanced one's beta
+        // (Khomutenko et al. 2016).
+        let alpha = camera.distortion.x;
+        let beta = camera.distortion.y;
+        let depth = camera.distortion.z + cos(theta);
+        let side = sin(theta);
+        return side / (alpha * sqrt(beta * side * side + depth * depth) + (1.0 - alpha) * depth);
+    }
     if camera.position_m.w > 1.5 {
         // Equisolid (Miyamoto 1964).
         return 2.0 * sin(0.5 * theta);
@@ -28,20 +38,21 @@ fn fisheye_radius(camera: Camera, theta: f32) -> f32 {
     return theta * (1.0 + t2 * (k.x + t2 * (k.y + t2 * (k.z + t2 * k.w))));
 }
 
-// Distorted normalised image coordinates of a point in the camera frame (z > 0 for Brown-Conrady), clamped to the lens's
+// Distorted normalised image coordinates of a point in the camera frame (z > 0 for a perspective lens), clamped to the lens's
 // usable region so that far-off vertices stay off the picture instead of folding back into it.
 fn distorted(camera: Camera, point: vec3f) -> vec2f {
     if is_fisheye(camera) {
         let rho = max(length(point.xy), 1e-12);
         return point.xy * (fisheye_radius(camera, min(atan2(rho, point.z), camera.limits.y)) / rho);
     }
-    // Brown 1966 as OpenCV writes it.
+    // Brown and Conrady's model as OpenCV writes it, and its rational one.
     let ideal = point.xy / point.z;
     let radius = length(ideal);
     let xy = ideal * min(1.0, camera.limits.y / max(radius, 1e-12));
     let r2 = dot(xy, xy);
     let k = camera.distortion;
-    let radial = 1.0 + r2 * (k.x + r2 * (k.y + r2 * camera.limits.x));
+    let d = camera.denominator;
+    let radial = (1.0 + r2 * (k.x + r2 * (k.y + r2 * camera.limits.x))) / (1.0 + r2 * (d.x + r2 * (d.y + r2 * d.z)));
     let tangential = vec2f(
         2.0 * k.z * xy.x * xy.y + k.w * (r2 + 2.0 * xy.x * xy.x),
         k.z * (r2 + 2.0 * xy.y * xy.y) + 2.0 * k.w * xy.x * xy.y,

@@ -2,7 +2,7 @@
 
 use crate::light_tree::Lobe;
 use bytemuck::{Pod, Zeroable};
-use glam::{Affine3A, DMat3, Mat3, Mat4, Vec4};
+use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec4};
 use mirrorball_calib::camera::LensModel;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
@@ -23,13 +23,16 @@ pub struct GpuCamera {
     pub common_from_camera: Mat4,
     /// Its inverse.
     pub camera_from_common: Mat4,
-    /// xyz: camera centre in the world, metres; w: lens model, 0 Brown-Conrady, 1 Kannala-Brandt, 2 equisolid.
+    /// xyz: camera centre in the world, metres; w: lens model, 0 perspective, 1 Kannala-Brandt, 2 equisolid, 3 spheres (EUCM
+    /// and double sphere).
     pub position_m: Vec4,
     /// Focal lengths and principal point in pixels.
     pub focal_and_principal_px: Vec4,
-    /// k1 k2 p1 p2, or k1 k2 k3 k4; unused for an equisolid lens.
+    /// k1 k2 p1 p2, or k1 k2 k3 k4, or alpha beta xi; unused for an equisolid lens.
     pub distortion: Vec4,
-    /// x: k3; y: largest usable normalised radius (Brown-Conrady) or angle in radians (fisheye); z, w: size in px.
+    /// xyz: k4 k5 k6 of a rational lens, 0 for others; w: unused.
+    pub denominator: Vec4,
+    /// x: k3; y: largest usable normalised radius (perspective) or angle in radians (fisheye); z, w: size in px.
     pub limits: Vec4,
     /// xyz: signal per radiance of the three channels; w: unused.
     pub signal_per_radiance: Vec4,
@@ -42,11 +45,17 @@ impl GpuCamera {
     #[must_use]
     pub fn new(camera: &Camera, camera_from_world: &Pose, exposure: &Exposure, depth_m: [f32; 2]) -> Self {
         let intrinsics = &camera.intrinsics;
-        let (distortion, k3, limit, model) = match intrinsics.lens {
-            LensModel::BrownConrady { k1, k2, p1, p2, k3 } => ([k1, k2, p1, p2], k3, intrinsics.max_radius(), 0.0),
-            LensModel::KannalaBrandt { k, max_angle_rad } => (k, 0.0, max_angle_rad, 1.0),
-            LensModel::Equisolid { max_angle_rad } => ([0.0; 4], 0.0, max_angle_rad, 2.0),
+        let (distortion, k3, denominator, model) = match intrinsics.lens {
+            LensModel::BrownConrady { k1, k2, p1, p2, k3 } => ([k1, k2, p1, p2], k3, DVec3::ZERO, 0.0),
+            LensModel::Rational {
+                coefficients: [k1, k2, p1, p2, k3, k4, k5, k6],
+            } => ([k1, k2, p1, p2], k3, DVec3::new(k4, k5, k6), 0.0),
+            LensModel::KannalaBrandt { k, .. } => (k, 0.0, DVec3::ZERO, 1.0),
+            LensModel::Equisolid { .. } => ([0.0; 4], 0.0, DVec3::ZERO, 2.0),
+            LensModel::Eucm { alpha, beta, .. } => ([alpha, beta, 0.0, 0.0], 0.0, DVec3::ZERO, 3.0),
+            LensModel::DoubleSphere { xi, alpha, .. } => ([alpha, 1.0, xi, 0.0], 0.0, DVec3::ZERO, 3.0),
         };
+        let limit = intrinsics.lens.max_angle_rad().unwrap_or(intrinsics.max_radius());
         let signal = camera.photometry.signal_per_radiance(exposure).map(|s| s as f32);
         let color = camera.photometry.color;
         let vignetting = camera.photometry.vignetting.map(|v| v as f32);
@@ -63,6 +72,7 @@ impl GpuCamera {
                 intrinsics.principal_point_px.y as f32,
             ),
             distortion: Vec4::from_array(distortion.map(|d| d as f32)),
+            denominator: denominator.as_vec3().extend(0.0),
             limits: Vec4::new(k3 as f32, limit.min(1e6) as f32, width, height),
             signal_per_radiance: Vec4::new(signal[0], signal[1], signal[2], 0.0),
             vignetting_and_depth: Vec4::new(vignetting[0], vignetting[1], depth_m[0], depth_m[1]),

@@ -184,8 +184,7 @@ impl Sighting {
         for (ray, pixel) in rays.iter_mut().zip(detection.corners_px) {
             *ray = intrinsics.unproject(pixel)?;
         }
-        let (constant, shrinking) = CORNER_SIGMA_PX;
-        let sigma_px = constant.hypot(shrinking * (REFERENCE_SIDE_PX / detection.mean_side_px().max(1.0)).sqrt());
+        let sigma_px = corner_sigma_px(detection);
         let places = marker.corners_world();
         let corners = std::array::from_fn(|i| Corner {
             world: places[i],
@@ -199,6 +198,12 @@ impl Sighting {
             world_from_marker: marker.world_from_marker,
         })
     }
+}
+
+/// Standard deviation expected of a marker's corners in either direction, in pixels.
+pub(crate) fn corner_sigma_px(detection: &Detection) -> f64 {
+    let (constant, shrinking) = CORNER_SIGMA_PX;
+    constant.hypot(shrinking * (REFERENCE_SIDE_PX / detection.mean_side_px().max(1.0)).sqrt())
 }
 
 /// The planar solutions of all markers, best first, as many as shall be refined.

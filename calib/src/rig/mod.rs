@@ -2,6 +2,7 @@
 
 pub mod check;
 mod draft;
+pub mod drift;
 mod error;
 mod file;
 mod parts;

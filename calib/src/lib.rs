@@ -66,6 +66,7 @@
 pub mod board;
 pub mod camera;
 pub mod intrinsics;
+pub mod extrinsics;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;

@@ -219,6 +219,34 @@ pub fn minimise<P: ArrowProblem>(
     max_iterations: usize,
     report: &mut dyn FnMut(Iteration),
 ) -> Result<Minimum<P::State>, SolveError> {
+    match descend(problem, start, max_iterations, report)? {
+        (minimum, true) => Ok(minimum),
+        (minimum, false) => Err(SolveError::NotConverged {
+            iterations: minimum.iterations,
+        }),
+    }
+}
+
+/// Moves the unknowns towards the nearest minimum, `max_iterations` steps at most: on the way of a robust loss that is
+/// then changed.
+///
+/// # Errors
+/// When the start is not possible or unknowns are not determined.
+pub fn approach<P: ArrowProblem>(
+    problem: &P,
+    start: P::State,
+    max_iterations: usize,
+) -> Result<Minimum<P::State>, SolveError> {
+    Ok(descend(problem, start, max_iterations, &mut |_| {})?.0)
+}
+
+/// Where the steps end, and whether that is a minimum.
+fn descend<P: ArrowProblem>(
+    problem: &P,
+    start: P::State,
+    max_iterations: usize,
+    report: &mut dyn FnMut(Iteration),
+) -> Result<(Minimum<P::State>, bool), SolveError> {
     let mut state = start;
     let mut system = problem.linearise(&state).ok_or(SolveError::Start)?;
     let mut damping = 1e-4;
@@ -245,14 +273,20 @@ pub fn minimise<P: ArrowProblem>(
             damping *= 10.0;
         }
         if length < STEP_TOLERANCE || damping > MAX_DAMPING {
-            return Ok(Minimum {
+            let minimum = Minimum {
                 state,
                 system,
                 iterations,
-            });
+            };
+            return Ok((minimum, true));
         }
     }
-    Err(SolveError::NotConverged { iterations })
+    let minimum = Minimum {
+        state,
+        system,
+        iterations,
+    };
+    Ok((minimum, false))
 }
 
 fn damped(normal: &Matrix6<f64>, damping: f64) -> Matrix6<f64> {
@@ -386,6 +420,22 @@ mod tests {
         assert!((variance - 1.0 / 6.5).abs() < 1e-12);
         let offset = minimum.system.block_covariance(1).unwrap()[(0, 0)];
         assert!((offset - (0.5 + 1.5 * 1.5 / 6.5)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_step_approaches_and_does_not_pass_for_a_minimum() {
+        let lines = Lines {
+            points: vec![vec![(0.0, 1.0), (1.0, 3.0), (2.0, 5.5)], vec![(0.0, -1.0), (3.0, 5.0)]],
+        };
+        let start = State {
+            shared: 7.0,
+            blocks: vec![Vector6::repeat(0.3); 2],
+        };
+        let cost = lines.cost(&start).unwrap();
+        let near = approach(&lines, start.clone(), 1).unwrap();
+        assert!(near.system.cost < cost);
+        let error = minimise(&lines, start, 1, &mut |_| {}).err();
+        assert_eq!(error, Some(SolveError::NotConverged { iterations: 1 }));
     }
 
     #[test]

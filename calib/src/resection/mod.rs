@@ -11,6 +11,7 @@ use glam::{DVec2, DVec3};
 use nalgebra::Matrix3;
 
 use crate::{camera::Intrinsics, pose::Pose, rig::Rig, tag::Detection};
+pub(crate) use planar::square_poses;
 use solve::{Corner, Loss, Problem, Solution};
 
 /// Error, in pixels, at which a corner counts half when proposals are compared.
@@ -200,7 +201,7 @@ impl Sighting {
     }
 }
 
-/// Standard deviation expected of a marker's corners in either direction, in pixels.
+/// Standard deviation expected of a detection's corners in pixels; of relative importance only.
 pub(crate) fn corner_sigma_px(detection: &Detection) -> f64 {
     let (constant, shrinking) = CORNER_SIGMA_PX;
     constant.hypot(shrinking * (REFERENCE_SIDE_PX / detection.mean_side_px().max(1.0)).sqrt())
@@ -212,7 +213,7 @@ fn ranked_proposals(sightings: &[Sighting], intrinsics: &Intrinsics) -> Vec<Pose
         .iter()
         .flat_map(|sighting| {
             let marker_from_world = sighting.world_from_marker.inverse();
-            let poses = planar::square_poses(&sighting.rays, sighting.side_m);
+            let poses = square_poses(&sighting.rays, sighting.side_m);
             poses
                 .into_iter()
                 .map(move |camera_from_marker| camera_from_marker * marker_from_world)

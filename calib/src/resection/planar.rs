@@ -14,7 +14,7 @@ const MIN_AREA: f64 = 1e-7;
 /// nothing.
 ///
 /// Empty when the rays are no picture of a square: too small, collinear, turned inside out, not convex.
-pub(super) fn square_poses(rays: &[DVec3; 4], side_m: f64) -> Vec<Pose> {
+pub(crate) fn square_poses(rays: &[DVec3; 4], side_m: f64) -> Vec<Pose> {
     let Some(poses) = in_view(rays, side_m) else {
         return Vec::new();
     };

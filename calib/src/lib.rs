@@ -68,6 +68,7 @@ pub mod camera;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;
+pub mod photometric;
 pub mod photometry;
 pub mod pose;
 pub mod probe;

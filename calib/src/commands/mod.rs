@@ -6,6 +6,7 @@ mod explain;
 mod input;
 pub(crate) mod merge;
 mod output;
+pub(crate) mod photometric;
 pub(crate) mod probe;
 
 use std::{

@@ -70,6 +70,7 @@ pub mod extrinsics;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;
+pub mod photometric;
 pub mod photometry;
 pub mod pose;
 pub mod probe;

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, intrinsics, merge, probe};
+use commands::{CommandError, check, detect, intrinsics, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -33,6 +33,8 @@ enum Command {
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
     Probe(probe::Args),
+    /// Measures a camera's response, noise, vignetting, black level, true exposures and control latency.
+    Photometric(photometric::Args),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Intrinsics(args) => intrinsics::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
+        Command::Photometric(args) => photometric::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -35,6 +35,8 @@ pub(crate) struct Picture {
     pub(crate) name: String,
     /// The camera that took it; `None` in a folder of pictures.
     pub(crate) camera: Option<String>,
+    /// The camera's own count; `None` in a folder of pictures.
+    pub(crate) sequence: Option<u64>,
     /// When, in nanoseconds on the recording's clock.
     pub(crate) timestamp_ns: Option<u64>,
     /// Exposure time, gain and white balance that were in force.
@@ -184,6 +186,7 @@ fn read(file: &Path) -> Result<Picture, InputError> {
             .to_string_lossy()
             .into_owned(),
         camera: None,
+        sequence: None,
         timestamp_ns: None,
         exposure: None,
         rgb: rgb.into_rgb8(),
@@ -200,6 +203,7 @@ fn picture(frame: &mirrorball_capture::Frame) -> Result<Picture, InputError> {
     Ok(Picture {
         name,
         camera: Some(frame.meta.camera.to_string()),
+        sequence: Some(frame.meta.sequence),
         timestamp_ns: Some(frame.meta.timestamp_ns),
         exposure: Some(frame.meta.exposure),
         rgb: rgb.expect("a decoded frame has three bytes per pixel"),

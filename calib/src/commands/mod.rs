@@ -7,6 +7,7 @@ mod input;
 pub(crate) mod intrinsics;
 pub(crate) mod merge;
 mod output;
+pub(crate) mod photometric;
 pub(crate) mod probe;
 mod progress;
 

@@ -21,7 +21,9 @@ mod ratios;
 mod solve;
 
 pub use patches::FlatPatches;
+pub(crate) use ratios::pair_errors;
 pub use ratios::{PairError, RatioErrors, ratio_errors};
+pub(crate) use solve::pool_adjacent_violators;
 
 use crate::response::ResponseCurve;
 

@@ -36,6 +36,8 @@ pub struct PairError {
     pub channel: usize,
     /// Median of the errors of the patches.
     pub error: f64,
+    /// Standard deviation of the median, from the scatter of the patches.
+    pub sigma: f64,
     /// Number of patches.
     pub patches: usize,
 }
@@ -59,7 +61,7 @@ pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposure
 }
 
 /// The error of every pair of pictures and channel that has enough patches.
-pub(super) fn pair_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Vec<PairError> {
+pub(crate) fn pair_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Vec<PairError> {
     measured_pairs(patches, curves, exposures_s, |_| ())
 }
 
@@ -80,11 +82,16 @@ fn measured_pairs(
                 .collect();
             if errors.len() >= MIN_PATCHES {
                 each(&errors);
+                let patches = errors.len();
+                let error = median(errors.clone());
+                let spread = median(errors.iter().map(|other| (other - error).abs()).collect());
                 pairs.push(PairError {
                     pictures: [a, b],
                     channel,
-                    patches: errors.len(),
-                    error: median(errors),
+                    // Normal errors: σ is 1.4826 times the median deviation, and the median's own √(π/2) σ / √n.
+                    sigma: 1.4826 * spread * (0.5 * std::f64::consts::PI / patches as f64).sqrt(),
+                    patches,
+                    error,
                 });
             }
         }

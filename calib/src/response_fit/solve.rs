@@ -278,7 +278,7 @@ fn above_floor(code: f64, floor: f64) -> f64 {
 }
 
 /// Makes values rise, changing them as little as possible (Ayer et al. 1955).
-fn pool_adjacent_violators(values: &mut [f64]) {
+pub(crate) fn pool_adjacent_violators(values: &mut [f64]) {
     let mut blocks: Vec<(f64, usize)> = Vec::with_capacity(values.len());
     for &value in values.iter() {
         let mut block = (value, 1);

@@ -1,0 +1,202 @@
+//! Control latency: how many frames after a change of exposure was asked for the picture shows it.
+//!
+//! Every number of frames predicts a level for each frame: that of the request then in force. The prediction is right up to one
+//! factor (the scene), so the number with the smallest robust scatter of `ln level − ln exposure` is taken. Each change is
+//! looked at by itself too: a camera whose latency varies says so.
+
+/// Most frames of latency that are told apart.
+const MAX_FRAMES: usize = 16;
+
+/// Smallest change of exposure, as a log ratio, that counts: a sixth of a stop.
+const MIN_STEP: f64 = 0.115;
+
+/// How many times smaller the best scatter must be than the second best.
+const MIN_LEAD: f64 = 1.5;
+
+/// A request for another exposure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Request {
+    /// Number of the first frame that the camera delivered after it was asked.
+    pub frame: u64,
+    /// What the picture's level is in proportion to: seconds times gain; above 0.
+    pub exposure_s: f64,
+}
+
+/// A frame's mean level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Number of the frame, rising.
+    pub frame: u64,
+    /// Mean linear signal, above 0.
+    pub signal: f64,
+}
+
+/// Latency as measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ControlLatency {
+    /// Frames from a request to its effect; with 0 the first frame that comes after the request shows it.
+    pub frames: usize,
+    /// The same, of each change that could be judged by itself.
+    pub of_changes: Vec<usize>,
+    /// Scatter of the second best number of frames over that of the best.
+    pub lead: f64,
+}
+
+/// Why there is no latency.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum LatencyError {
+    /// Nothing changes.
+    #[error(
+        "the requests change the exposure by 12 % or more `{found}` times within the series (allowed: at least `2`)"
+    )]
+    FewChanges {
+        /// Changes found.
+        found: usize,
+    },
+    /// No number of frames explains the levels.
+    #[error(
+        "the levels do not follow the requests: `{best}` frames of latency explain them only `{lead:.2}` times better than any other number (allowed: at least 1.5)"
+    )]
+    Unclear {
+        /// The best number.
+        best: usize,
+        /// Second best scatter over the best.
+        lead: f64,
+    },
+}
+
+/// Measures the latency; requests and levels each by rising frame.
+///
+/// # Errors
+/// When there are too few changes, or the levels follow no number of frames.
+pub fn measure(requests: &[Request], levels: &[Level]) -> Result<ControlLatency, LatencyError> {
+    let first = levels.first().map_or(u64::MAX, |level| level.frame);
+    let last = levels.last().map_or(0, |level| level.frame);
+    let changes: Vec<usize> = (1..requests.len())
+        .filter(|&i| (requests[i].exposure_s / requests[i - 1].exposure_s).ln().abs() >= MIN_STEP)
+        .filter(|&i| (first..=last).contains(&requests[i].frame))
+        .collect();
+    if changes.len() < 2 {
+        return Err(LatencyError::FewChanges { found: changes.len() });
+    }
+    let scatters: Vec<f64> = (0..=MAX_FRAMES)
+        .map(|frames| scatter(requests, levels, frames))
+        .collect();
+    let best = (0..scatters.len())
+        .min_by(|&a, &b| scatters[a].total_cmp(&scatters[b]))
+        .expect("there are 17");
+    let second = (0..scatters.len())
+        .filter(|&i| i != best)
+        .map(|i| scatters[i])
+        .fold(f64::INFINITY, f64::min);
+    // Levels are known to a thousandth at best.
+    let lead = second / scatters[best].max(1e-3);
+    if lead < MIN_LEAD {
+        return Err(LatencyError::Unclear { best, lead });
+    }
+    let of_changes = changes
+        .iter()
+        .filter_map(|&change| of_change(requests, levels, change))
+        .collect();
+    Ok(ControlLatency {
+        frames: best,
+        of_changes,
+        lead,
+    })
+}
+
+/// Root mean square of `ln level − ln exposure` about its median, large errors counting little (Geman and McClure 1987).
+fn scatter(requests: &[Request], levels: &[Level], frames: usize) -> f64 {
+    let mut errors: Vec<f64> = levels
+        .iter()
+        .filter_map(|level| {
+            let asked_at = level.frame.checked_sub(frames as u64)?;
+            let in_force = requests.iter().rfind(|request| request.frame <= asked_at)?;
+            Some(level.signal.max(1e-9).ln() - in_force.exposure_s.ln())
+        })
+        .collect();
+    if errors.is_empty() {
+        return f64::INFINITY;
+    }
+    errors.sort_by(f64::total_cmp);
+    let median = errors[errors.len() / 2];
+    let cost = |error: &f64| {
+        let square = (error - median).powi(2);
+        square / (1.0 + square)
+    };
+    (errors.iter().map(cost).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+/// Frames from one change until the level is nearer to the new exposure than to the old; `None` when another change comes
+/// first, or the level never follows.
+fn of_change(requests: &[Request], levels: &[Level], change: usize) -> Option<usize> {
+    let (old, new) = (requests[change - 1], requests[change]);
+    let until = requests.get(change + 1).map_or(u64::MAX, |next| next.frame);
+    let before = levels.iter().rfind(|level| level.frame < new.frame)?;
+    let half = 0.5 * (new.exposure_s / old.exposure_s).ln();
+    let is_new = |level: &&Level| {
+        let moved = (level.signal / before.signal).ln();
+        if half > 0.0 { moved > half } else { moved < half }
+    };
+    let shown = levels
+        .iter()
+        .filter(|level| (new.frame..until).contains(&level.frame))
+        .find(is_new)?;
+    Some((shown.frame - new.frame) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::merge::simulate::Random;
+
+    fn requests() -> Vec<Request> {
+        [(0, 0.01), (12, 0.02), (31, 0.005), (47, 0.01), (70, 0.004)]
+            .map(|(frame, exposure_s)| Request { frame, exposure_s })
+            .to_vec()
+    }
+
+    /// Levels of a camera with a latency, under light that drifts, some frames lost.
+    fn levels(latency: u64, seed: u64) -> Vec<Level> {
+        let mut random = Random::new(seed);
+        let requests = requests();
+        let mut levels = Vec::new();
+        for frame in 0..90u64 {
+            let in_force = requests
+                .iter()
+                .rfind(|request| request.frame <= frame.saturating_sub(latency))
+                .expect("one at 0");
+            let drift = 1.0 + 0.001 * frame as f64;
+            let signal = 20.0 * in_force.exposure_s * drift * (1.0 + 0.01 * random.normal());
+            if random.uniform() > 0.1 {
+                levels.push(Level { frame, signal });
+            }
+        }
+        levels
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+        #[test]
+        fn any_latency_comes_back(latency in 0u64..12, seed in 1u64..1000) {
+            let found = measure(&requests(), &levels(latency, seed)).unwrap();
+            prop_assert_eq!(found.frames as u64, latency);
+            prop_assert!(found.lead > 1.5);
+            for change in found.of_changes {
+                // A lost frame may hide the moment.
+                prop_assert!((latency..=latency + 3).contains(&(change as u64)), "{} {}", change, latency);
+            }
+        }
+    }
+
+    #[test]
+    fn levels_that_do_not_follow_are_refused() {
+        let still: Vec<Level> = (0..90).map(|frame| Level { frame, signal: 0.2 }).collect();
+        let error = measure(&requests(), &still).unwrap_err();
+        assert!(matches!(error, LatencyError::Unclear { .. }), "{error}");
+        let error = measure(&requests()[..2], &still).unwrap_err();
+        assert_eq!(error, LatencyError::FewChanges { found: 1 });
+    }
+}

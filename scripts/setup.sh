@@ -2,9 +2,10 @@
 # Installs what Debian packages are missing and checks the Rust toolchain.
 # Says what it does; says and does nothing, and needs no network, when all is there.
 #
-# usage: scripts/setup.sh [--window] [--no-drivers]
+# usage: scripts/setup.sh [--window] [--no-drivers] [--no-browser]
 #   --window      also the libraries that `mirrorball-render --window` loads at run time
 #   --no-drivers  not the virtual machine in which the tests on real camera drivers run; they are skipped then
+#   --no-browser  not the browser in which calibration reports are tested (300 MB); that test is skipped then
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -15,6 +16,7 @@ cd "$(dirname "$0")/.."
 packages=(build-essential libclang-dev linux-libc-dev libvulkan1 mesa-vulkan-drivers ca-certificates curl)
 # QEMU and what puts a kernel together for it: scripts/driver-vm.sh.
 driver_packages=(qemu-system-x86 kmod busybox-static cpio xz-utils)
+browser_packages=(chromium fonts-dejavu-core)
 window_packages=(libxkbcommon0 libxkbcommon-x11-0 libwayland-client0 libx11-6 libx11-xcb1 libxcursor1 libxi6 libxrandr2)
 
 fail() {
@@ -65,17 +67,24 @@ check_rust() {
 }
 
 drivers=yes
+browser=yes
+# Any browser of this kind will do.
+if command -v chromium chromium-browser google-chrome >/dev/null; then browser=no; fi
 # The virtual machine is for this architecture only.
 [ "$(uname -m)" = x86_64 ] || drivers=no
 for option in "$@"; do
     case $option in
         --window) packages+=("${window_packages[@]}") ;;
         --no-drivers) drivers=no ;;
-        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\` and \`--no-drivers\`" ;;
+        --no-browser) browser=no ;;
+        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\`, \`--no-drivers\` and \`--no-browser\`" ;;
     esac
 done
 if [ $drivers = yes ]; then
     packages+=("${driver_packages[@]}")
+fi
+if [ $browser = yes ]; then
+    packages+=("${browser_packages[@]}")
 fi
 if command -v dpkg-query >/dev/null; then
     install_missing

@@ -177,23 +177,20 @@ fn lenses(model: Model, size_px: [u32; 2]) -> impl Iterator<Item = Intrinsics> {
     })
 }
 
-/// The undistorted lenses of a model. They image everything: while a lens is being solved for, no corner that was seen may be
-/// beyond its largest angle.
+/// Lenses of a model that others are near to: without distortion, and for models that reach from a pinhole to a fisheye some in
+/// between. They image everything they can: while a lens is being solved for, no corner that was seen may be beyond its
+/// largest angle.
 fn laws(model: Model) -> Vec<LensModel> {
-    match model {
-        Model::BrownConrady => vec![LensModel::BrownConrady {
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            k3: 0.0,
-        }],
-        Model::KannalaBrandt => vec![LensModel::KannalaBrandt {
-            k: [0.0; 4],
-            max_angle_rad: PI,
-        }],
-        Model::Equisolid => vec![LensModel::Equisolid { max_angle_rad: PI }],
-    }
+    let starts: &[&[f64]] = match model {
+        Model::BrownConrady => &[&[0.0; 5]],
+        Model::Rational => &[&[0.0; 8]],
+        Model::KannalaBrandt => &[&[0.0; 4]],
+        Model::Equisolid => &[&[]],
+        Model::Eucm => &[&[0.6, 1.0], &[0.2, 1.0]],
+        Model::DoubleSphere => &[&[0.0, 0.6], &[0.0, 0.2]],
+    };
+    let lens = |values: &&[f64]| LensModel::from_coefficients(model, values, PI);
+    starts.iter().filter_map(lens).collect()
 }
 
 /// At most `count` elements, evenly spread.

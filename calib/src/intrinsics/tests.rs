@@ -293,3 +293,37 @@ fn corners_that_make_no_sense_are_refused() {
     let error = solve(&scene, &views).unwrap_err().to_string();
     assert!(error.contains("it is given twice"), "{error}");
 }
+
+#[test]
+fn every_model_is_found_from_its_own_pictures() {
+    let models = [
+        (
+            Model::Rational,
+            vec![0.31, -0.12, 4e-4, -3e-4, 0.02, 0.55, -0.1, 0.01],
+            905.0,
+        ),
+        (Model::Equisolid, vec![], 420.0),
+        (Model::Eucm, vec![0.57, 1.12], 350.0),
+        (Model::DoubleSphere, vec![-0.18, 0.59], 320.0),
+    ];
+    for (model, coefficients, focal_px) in models {
+        let mut lens = if model.is_fisheye() { fisheye() } else { pinhole() };
+        lens.focal_px = DVec2::new(focal_px, 1.003 * focal_px);
+        lens.lens = LensModel::from_coefficients(model, &coefficients, 1.6).unwrap();
+        let scene = Scene::new(lens, 20, 0.8, 8);
+        let found = solve(&scene, &scene.views(SIGMA_PX, 8)).unwrap_or_else(|error| panic!("{model}: {error}"));
+        assert!(
+            (found.noise * 0.1 / SIGMA_PX - 1.0).abs() < 0.04,
+            "{model}: {}",
+            found.noise
+        );
+        let reach = if model.is_fisheye() {
+            Reach::Infinity
+        } else {
+            Reach::Distance(0.8)
+        };
+        let off = off_px(&scene, &found, reach, 90.0);
+        let predicted = found.uncertainty([32, 24], reach).expect("known").rms_px();
+        assert!(predicted < 0.03 && off < 2.0 * predicted, "{model}: {off} {predicted}");
+    }
+}

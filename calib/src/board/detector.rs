@@ -135,11 +135,11 @@ impl BoardDetector {
         self.luma.set(rgb, size, response)?;
         let corners = match self.board {
             Board::AprilGrid { .. } => {
-                let markers = self.markers()?;
+                let markers = self.markers();
                 aprilgrid::corners(&self.luma, &self.targets, self.board.pitch_m(), &markers)
             }
             Board::Charuco { .. } => {
-                let markers = self.markers()?;
+                let markers = self.markers();
                 charuco::corners(&self.luma, &self.targets, self.board.pitch_m(), &markers)
             }
             Board::Chessboard { columns, rows, .. } => {
@@ -189,14 +189,42 @@ impl BoardDetector {
     }
 
     /// The board's markers, as far as they agree with each other.
-    fn markers(&mut self) -> Result<Vec<PlacedMarker>, Reason> {
+    fn markers(&mut self) -> Vec<PlacedMarker> {
         self.brighten();
-        let [width, _] = self.luma.size();
-        let luma = LumaView::new(self.luma.size(), width, &self.bright).expect("the picture's size was checked");
-        let detections = self.markers.detect(luma);
-        let placed = self.board.place(&detections);
-        Ok(markers::consistent(&placed, self.board.pitch_m()))
+        let size = self.luma.size();
+        let mut placed = self.board.place(&self.markers.detect(view(&self.bright, size)));
+        if placed.len() < self.board.markers_m().len() {
+            // Ink spreads, and black squares that should only touch grow together: white grown by a pixel parts them.
+            self.bright = lightest_of_nine(&self.bright, size);
+            placed.extend(self.board.place(&self.markers.detect(view(&self.bright, size))));
+        }
+        markers::consistent(&placed, self.board.pitch_m())
     }
+}
+
+fn view(pixels: &[u8], size: [usize; 2]) -> LumaView<'_> {
+    LumaView::new(size, size[0], pixels).expect("`LinearLuma` has checked the size")
+}
+
+/// The lightest of every pixel and its eight neighbours.
+fn lightest_of_nine(pixels: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
+    let mut across = pixels.to_vec();
+    for (row, source) in across
+        .chunks_exact_mut(width.max(1))
+        .zip(pixels.chunks_exact(width.max(1)))
+    {
+        for (target, three) in row.iter_mut().skip(1).zip(source.windows(3)) {
+            *target = three[0].max(three[1]).max(three[2]);
+        }
+    }
+    let mut result = across.clone();
+    for y in 1..height.saturating_sub(1) {
+        for x in 0..width {
+            let i = y * width + x;
+            result[i] = across[i - width].max(across[i]).max(across[i + width]);
+        }
+    }
+    result
 }
 
 fn found(name: &str, corners: &[(usize, Saddle)]) -> FoundBoard {

@@ -120,6 +120,23 @@ fn any_focal_length_and_a_centre_far_off_are_found() {
     }
 }
 
+/// A real lens (OpenCV's numbers for the fisheye of the camodocal pictures): its polynomial folds back soon after the picture.
+#[test]
+fn a_lens_whose_polynomial_folds_back_is_found() {
+    let mut lens = fisheye();
+    lens.focal_px = DVec2::splat(376.2);
+    lens.principal_point_px = DVec2::new(639.5, 474.4);
+    lens.lens = LensModel::KannalaBrandt {
+        k: [0.0473, -0.0557, 0.0255, -0.0046],
+        max_angle_rad: 1.45,
+    };
+    let scene = Scene::new(lens, 14, 0.8, 9);
+    let found = solve(&scene, &scene.views(SIGMA_PX, 9)).unwrap();
+    assert_eq!(found.views.len(), 14);
+    let off = off_px(&scene, &found, Reach::Infinity, 80.0);
+    assert!(off < 0.05, "{off}");
+}
+
 #[test]
 fn wrong_corners_and_wrong_views_are_named() {
     let scene = Scene::new(pinhole(), 14, 0.8, 3);

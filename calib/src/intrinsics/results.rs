@@ -304,11 +304,12 @@ fn warn(calibration: &mut Calibration, sigma_focal: f64, spread_deg: f64) {
 /// The lens with the angle beyond which it images nothing; see [`Request::max_angle_rad`].
 fn limited(lens: &Intrinsics, wanted: Option<f64>, solver: &Solver<'_>, state: &State) -> Intrinsics {
     let mut limited = *lens;
-    let (LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad }) = &mut limited.lens
-    else {
-        return limited;
-    };
-    *max_angle_rad = wanted.unwrap_or_else(|| measured_angle(lens, solver, state));
+    if lens.lens.max_angle_rad().is_some() {
+        let angle = wanted.unwrap_or_else(|| measured_angle(lens, solver, state));
+        let model = lens.lens.model();
+        limited.lens = LensModel::from_coefficients(model, &lens.lens.coefficients(), angle)
+            .expect("as many coefficients as the model has");
+    }
     limited
 }
 

@@ -36,6 +36,9 @@ const REFINED: usize = 2;
 /// Iterations for a pose under a lens that is only supposed.
 const POSE_ITERATIONS: usize = 40;
 
+/// Step, in radians, of the search for the angle at which a lens folds back.
+const FOLD_STEP: f64 = 0.01;
+
 /// Residual, in parts of the picture's diagonal, beyond which corners count linearly: an unknown distortion is no outlier.
 const SCALE: f64 = 0.003;
 
@@ -108,8 +111,9 @@ pub(super) fn pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sigh
 /// The pose that the rays alone give.
 fn linear_pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sighting) -> Option<(PlanarPose, f64)> {
     let (mut points, mut rays): (Vec<DVec2>, Vec<DVec3>) = (Vec::new(), Vec::new());
+    let lens = invertible(intrinsics);
     for corner in &sighting.corners {
-        if let Some(ray) = intrinsics.unproject(corner.pixel) {
+        if let Some(ray) = lens.unproject(corner.pixel) {
             points.push(board.flat(corner.index).truncate());
             rays.push(ray);
         }
@@ -119,6 +123,25 @@ fn linear_pose(intrinsics: &Intrinsics, board: &WarpedBoard, sighting: &Sighting
     }
     let linear = planar_pose(&points, &rays)?;
     judged(&at(intrinsics, linear.camera_from_board), board, sighting)
+}
+
+/// The lens up to the angle at which its picture folds back: half-way through a solve a polynomial may do so early, and beyond
+/// that angle no pixel has a ray.
+fn invertible(intrinsics: &Intrinsics) -> Intrinsics {
+    let mut lens = *intrinsics;
+    let radius = |angle: f64| {
+        let pixel = intrinsics.project(DVec3::new(angle.sin(), 0.0, angle.cos()))?;
+        Some(pixel.x - intrinsics.principal_point_px.x)
+    };
+    if let Some(end) = intrinsics.lens.max_angle_rad() {
+        let mut angle = 0.0;
+        while angle + FOLD_STEP < end && radius(angle + FOLD_STEP) > radius(angle) {
+            angle += FOLD_STEP;
+        }
+        let (model, coefficients) = (intrinsics.lens.model(), intrinsics.lens.coefficients());
+        lens.lens = LensModel::from_coefficients(model, &coefficients, angle).expect("as many as the model has");
+    }
+    lens
 }
 
 fn at(intrinsics: &Intrinsics, camera_from_board: Pose) -> State {
@@ -177,23 +200,20 @@ fn lenses(model: Model, size_px: [u32; 2]) -> impl Iterator<Item = Intrinsics> {
     })
 }
 
-/// The undistorted lenses of a model. They image everything: while a lens is being solved for, no corner that was seen may be
-/// beyond its largest angle.
+/// Lenses of a model that others are near to: without distortion, and for models that reach from a pinhole to a fisheye some in
+/// between. They image everything they can: while a lens is being solved for, no corner that was seen may be beyond its
+/// largest angle.
 fn laws(model: Model) -> Vec<LensModel> {
-    match model {
-        Model::BrownConrady => vec![LensModel::BrownConrady {
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            k3: 0.0,
-        }],
-        Model::KannalaBrandt => vec![LensModel::KannalaBrandt {
-            k: [0.0; 4],
-            max_angle_rad: PI,
-        }],
-        Model::Equisolid => vec![LensModel::Equisolid { max_angle_rad: PI }],
-    }
+    let starts: &[&[f64]] = match model {
+        Model::BrownConrady => &[&[0.0; 5]],
+        Model::Rational => &[&[0.0; 8]],
+        Model::KannalaBrandt => &[&[0.0; 4]],
+        Model::Equisolid => &[&[]],
+        Model::Eucm => &[&[0.6, 1.0], &[0.2, 1.0]],
+        Model::DoubleSphere => &[&[0.0, 0.6], &[0.0, 0.2]],
+    };
+    let lens = |values: &&[f64]| LensModel::from_coefficients(model, values, PI);
+    starts.iter().filter_map(lens).collect()
 }
 
 /// At most `count` elements, evenly spread.

@@ -120,6 +120,23 @@ fn any_focal_length_and_a_centre_far_off_are_found() {
     }
 }
 
+/// A real lens (OpenCV's numbers for the fisheye of the camodocal pictures): its polynomial folds back soon after the picture.
+#[test]
+fn a_lens_whose_polynomial_folds_back_is_found() {
+    let mut lens = fisheye();
+    lens.focal_px = DVec2::splat(376.2);
+    lens.principal_point_px = DVec2::new(639.5, 474.4);
+    lens.lens = LensModel::KannalaBrandt {
+        k: [0.0473, -0.0557, 0.0255, -0.0046],
+        max_angle_rad: 1.45,
+    };
+    let scene = Scene::new(lens, 14, 0.8, 9);
+    let found = solve(&scene, &scene.views(SIGMA_PX, 9)).unwrap();
+    assert_eq!(found.views.len(), 14);
+    let off = off_px(&scene, &found, Reach::Infinity, 80.0);
+    assert!(off < 0.05, "{off}");
+}
+
 #[test]
 fn wrong_corners_and_wrong_views_are_named() {
     let scene = Scene::new(pinhole(), 14, 0.8, 3);
@@ -292,4 +309,38 @@ fn corners_that_make_no_sense_are_refused() {
     views[2].corners[4].corner = views[2].corners[3].corner;
     let error = solve(&scene, &views).unwrap_err().to_string();
     assert!(error.contains("it is given twice"), "{error}");
+}
+
+#[test]
+fn every_model_is_found_from_its_own_pictures() {
+    let models = [
+        (
+            Model::Rational,
+            vec![0.31, -0.12, 4e-4, -3e-4, 0.02, 0.55, -0.1, 0.01],
+            905.0,
+        ),
+        (Model::Equisolid, vec![], 420.0),
+        (Model::Eucm, vec![0.57, 1.12], 350.0),
+        (Model::DoubleSphere, vec![-0.18, 0.59], 320.0),
+    ];
+    for (model, coefficients, focal_px) in models {
+        let mut lens = if model.is_fisheye() { fisheye() } else { pinhole() };
+        lens.focal_px = DVec2::new(focal_px, 1.003 * focal_px);
+        lens.lens = LensModel::from_coefficients(model, &coefficients, 1.6).unwrap();
+        let scene = Scene::new(lens, 20, 0.8, 8);
+        let found = solve(&scene, &scene.views(SIGMA_PX, 8)).unwrap_or_else(|error| panic!("{model}: {error}"));
+        assert!(
+            (found.noise * 0.1 / SIGMA_PX - 1.0).abs() < 0.04,
+            "{model}: {}",
+            found.noise
+        );
+        let reach = if model.is_fisheye() {
+            Reach::Infinity
+        } else {
+            Reach::Distance(0.8)
+        };
+        let off = off_px(&scene, &found, reach, 90.0);
+        let predicted = found.uncertainty([32, 24], reach).expect("known").rms_px();
+        assert!(predicted < 0.03 && off < 2.0 * predicted, "{model}: {off} {predicted}");
+    }
 }

@@ -2,7 +2,7 @@
 
 use mirrorball_calib::{
     board::Board,
-    camera::{Intrinsics, LensModel},
+    camera::Intrinsics,
     intrinsics::{Calibration, Reach, UncertaintyMap},
     report::{
         Block, Plot, Report,
@@ -26,12 +26,7 @@ const RADIUS_BINS: usize = 24;
 
 /// The angle beyond which a fisheye images nothing.
 pub(super) fn max_angle_deg(intrinsics: &Intrinsics) -> Option<f64> {
-    match intrinsics.lens {
-        LensModel::KannalaBrandt { max_angle_rad, .. } | LensModel::Equisolid { max_angle_rad } => {
-            Some(max_angle_rad.to_degrees())
-        }
-        LensModel::BrownConrady { .. } => None,
-    }
+    intrinsics.lens.max_angle_rad().map(f64::to_degrees)
 }
 
 /// How sure the lens is at infinity.

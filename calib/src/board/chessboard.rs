@@ -10,7 +10,7 @@ use super::{
 use crate::tag::LinearLuma;
 
 /// Squares from which a board is grown at most.
-const MAX_SEEDS: usize = 40;
+const MAX_SEEDS: usize = 15;
 
 /// Candidates that are asked whether they are the corner of such a square.
 const MAX_ASKED: usize = 1500;
@@ -201,6 +201,29 @@ impl Grid {
         }
     }
 
+    /// The only place of a whole board of this size, either way round, within bounds. What is beyond it, corners of the
+    /// surroundings that happen to fit, must not make up whole rows or columns: then the board is another one.
+    fn place(&self, [x0, x1, y0, y1]: [usize; 4], [columns, rows]: [usize; 2]) -> Option<[usize; 4]> {
+        let is_whole = |[x0, x1, y0, y1]: [usize; 4]| (y0..=y1).all(|y| (x0..=x1).all(|x| self.at(x, y).is_some()));
+        let ways: &[[usize; 2]] = if columns == rows {
+            &[[columns, rows]]
+        } else {
+            &[[columns, rows], [rows, columns]]
+        };
+        let mut places = Vec::new();
+        for &[width, height] in ways {
+            for top in (y0..=y1).take_while(|top| top + height <= y1 + 1) {
+                let lefts = (x0..=x1).take_while(|left| left + width <= x1 + 1);
+                places.extend(lefts.map(|left| [left, left + width - 1, top, top + height - 1]));
+            }
+        }
+        places.retain(|&place| is_whole(place));
+        match places[..] {
+            [place] => Some(place),
+            _ => None,
+        }
+    }
+
     /// The corners as those of a board of this size.
     fn board(&self, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, Misfit> {
         let Some([x0, x1, y0, y1]) = self.bounds() else {
@@ -217,10 +240,8 @@ impl Grid {
             corners,
         };
         let (columns, rows) = (columns as usize, rows as usize);
-        if corners != width * height || (columns.max(rows), columns.min(rows)) != (width.max(height), width.min(height))
-        {
-            return Err(misfit);
-        }
+        let [x0, x1, y0, y1] = self.place([x0, x1, y0, y1], [columns, rows]).ok_or(misfit)?;
+        let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
         // The four ways to turn it, as corner of the grid by column and row of the board.
         let turned = |turn: usize, column: usize, row: usize| match turn {
             0 => (x0 + column, y0 + row),

@@ -26,7 +26,7 @@ const MIN_FILL: f64 = 0.5;
 
 /// A chessboard that is not the right one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Misfit {
+pub(super) struct OtherGrid {
     /// Inner corners along the longer and the shorter side of the best grid found; 0 when there is none.
     pub(super) found: [u32; 2],
     /// How many of those corners were found.
@@ -37,11 +37,11 @@ pub(super) struct Misfit {
 ///
 /// # Errors
 /// The largest grid of corners that was found instead.
-pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, Misfit> {
+pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, OtherGrid> {
     let candidates = candidates::find(luma);
     let targets = field(columns.max(rows));
     let mut used: Vec<DVec2> = Vec::new();
-    let mut best = Misfit {
+    let mut best = OtherGrid {
         found: [0, 0],
         corners: 0,
     };
@@ -61,7 +61,7 @@ pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Ve
         used.extend(grid.cells.iter().flatten().map(|saddle| saddle.pixel));
         match grid.board([columns, rows]) {
             Ok(corners) => return Ok(corners),
-            Err(misfit) if misfit.corners > best.corners => best = misfit,
+            Err(other) if other.corners > best.corners => best = other,
             Err(_) => {}
         }
     }
@@ -225,9 +225,9 @@ impl Grid {
     }
 
     /// The corners as those of a board of this size.
-    fn board(&self, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, Misfit> {
+    fn board(&self, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, OtherGrid> {
         let Some([x0, x1, y0, y1]) = self.bounds() else {
-            return Err(Misfit {
+            return Err(OtherGrid {
                 found: [0, 0],
                 corners: 0,
             });
@@ -235,12 +235,12 @@ impl Grid {
         let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
         let corners = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
         let corners = corners.filter(|&(x, y)| self.at(x, y).is_some()).count();
-        let misfit = Misfit {
+        let other = OtherGrid {
             found: [width.max(height) as u32, width.min(height) as u32],
             corners,
         };
         let (columns, rows) = (columns as usize, rows as usize);
-        let [x0, x1, y0, y1] = self.place([x0, x1, y0, y1], [columns, rows]).ok_or(misfit)?;
+        let [x0, x1, y0, y1] = self.place([x0, x1, y0, y1], [columns, rows]).ok_or(other)?;
         let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
         // The four ways to turn it, as corner of the grid by column and row of the board.
         let turned = |turn: usize, column: usize, row: usize| match turn {
@@ -276,7 +276,7 @@ impl Grid {
                 .cmp(&is_black(b))
                 .then(rightwards(a).total_cmp(&rightwards(b)))
         });
-        let turn = best.ok_or(misfit)?;
+        let turn = best.ok_or(other)?;
         let cells = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
         let corners = cells.enumerate().filter_map(|(index, (column, row))| {
             let (x, y) = turned(turn, column, row);

@@ -10,7 +10,7 @@ use super::{
 use crate::tag::LinearLuma;
 
 /// Squares from which a board is grown at most.
-const MAX_SEEDS: usize = 40;
+const MAX_SEEDS: usize = 15;
 
 /// Candidates that are asked whether they are the corner of such a square.
 const MAX_ASKED: usize = 1500;
@@ -26,7 +26,7 @@ const MIN_FILL: f64 = 0.5;
 
 /// A chessboard that is not the right one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Misfit {
+pub(super) struct OtherGrid {
     /// Inner corners along the longer and the shorter side of the best grid found; 0 when there is none.
     pub(super) found: [u32; 2],
     /// How many of those corners were found.
@@ -37,11 +37,11 @@ pub(super) struct Misfit {
 ///
 /// # Errors
 /// The largest grid of corners that was found instead.
-pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, Misfit> {
+pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, OtherGrid> {
     let candidates = candidates::find(luma);
     let targets = field(columns.max(rows));
     let mut used: Vec<DVec2> = Vec::new();
-    let mut best = Misfit {
+    let mut best = OtherGrid {
         found: [0, 0],
         corners: 0,
     };
@@ -61,7 +61,7 @@ pub(super) fn corners(luma: &LinearLuma, [columns, rows]: [u32; 2]) -> Result<Ve
         used.extend(grid.cells.iter().flatten().map(|saddle| saddle.pixel));
         match grid.board([columns, rows]) {
             Ok(corners) => return Ok(corners),
-            Err(misfit) if misfit.corners > best.corners => best = misfit,
+            Err(other) if other.corners > best.corners => best = other,
             Err(_) => {}
         }
     }
@@ -201,10 +201,33 @@ impl Grid {
         }
     }
 
+    /// The only place of a whole board of this size, either way round, within bounds. What is beyond it, corners of the
+    /// surroundings that happen to fit, must not make up whole rows or columns: then the board is another one.
+    fn place(&self, [x0, x1, y0, y1]: [usize; 4], [columns, rows]: [usize; 2]) -> Option<[usize; 4]> {
+        let is_whole = |[x0, x1, y0, y1]: [usize; 4]| (y0..=y1).all(|y| (x0..=x1).all(|x| self.at(x, y).is_some()));
+        let ways: &[[usize; 2]] = if columns == rows {
+            &[[columns, rows]]
+        } else {
+            &[[columns, rows], [rows, columns]]
+        };
+        let mut places = Vec::new();
+        for &[width, height] in ways {
+            for top in (y0..=y1).take_while(|top| top + height <= y1 + 1) {
+                let lefts = (x0..=x1).take_while(|left| left + width <= x1 + 1);
+                places.extend(lefts.map(|left| [left, left + width - 1, top, top + height - 1]));
+            }
+        }
+        places.retain(|&place| is_whole(place));
+        match places[..] {
+            [place] => Some(place),
+            _ => None,
+        }
+    }
+
     /// The corners as those of a board of this size.
-    fn board(&self, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, Misfit> {
+    fn board(&self, [columns, rows]: [u32; 2]) -> Result<Vec<(usize, Saddle)>, OtherGrid> {
         let Some([x0, x1, y0, y1]) = self.bounds() else {
-            return Err(Misfit {
+            return Err(OtherGrid {
                 found: [0, 0],
                 corners: 0,
             });
@@ -212,15 +235,13 @@ impl Grid {
         let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
         let corners = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
         let corners = corners.filter(|&(x, y)| self.at(x, y).is_some()).count();
-        let misfit = Misfit {
+        let other = OtherGrid {
             found: [width.max(height) as u32, width.min(height) as u32],
             corners,
         };
         let (columns, rows) = (columns as usize, rows as usize);
-        if corners != width * height || (columns.max(rows), columns.min(rows)) != (width.max(height), width.min(height))
-        {
-            return Err(misfit);
-        }
+        let [x0, x1, y0, y1] = self.place([x0, x1, y0, y1], [columns, rows]).ok_or(other)?;
+        let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
         // The four ways to turn it, as corner of the grid by column and row of the board.
         let turned = |turn: usize, column: usize, row: usize| match turn {
             0 => (x0 + column, y0 + row),
@@ -255,7 +276,7 @@ impl Grid {
                 .cmp(&is_black(b))
                 .then(rightwards(a).total_cmp(&rightwards(b)))
         });
-        let turn = best.ok_or(misfit)?;
+        let turn = best.ok_or(other)?;
         let cells = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
         let corners = cells.enumerate().filter_map(|(index, (column, row))| {
             let (x, y) = turned(turn, column, row);

@@ -25,7 +25,17 @@ const MAX_STRAY_PX: f64 = 0.7;
 
 /// Largest misfit of a corner: so many times the median of all, plus so much.
 const MAX_MISFIT_RATIO: f64 = 4.0;
-const MAX_MISFIT_MORE: f64 = 0.03;
+const MAX_MISFIT_MORE: f64 = 0.05;
+
+/// Corners that say what corners look like here.
+const MIN_TO_COMPARE: usize = 4;
+
+/// Largest blur of a corner: so many times that of its neighbours, plus so much.
+const MAX_WIDTH_RATIO: f64 = 1.5;
+const MAX_WIDTH_MORE_PX: f64 = 0.6;
+
+/// Least contrast of a corner, relative to its neighbours.
+const MIN_CONTRAST_RATIO: f64 = 0.35;
 
 /// Rounds of finding all corners again, each with better known surroundings.
 const POLISHING: usize = 2;
@@ -207,15 +217,7 @@ impl<'a> Growth<'a> {
     /// The board around a corner as its nearest known neighbours, not itself, show it; the nearest no further than
     /// `reach_m`.
     fn plane_around(&self, index: usize, reach_m: f64) -> Option<LocalPlane> {
-        let place = self.targets[index].place_m;
-        let mut known: Vec<(f64, usize)> = (0..self.targets.len())
-            .filter(|&other| other != index && self.seen[other].is_some())
-            .map(|other| (self.targets[other].place_m.distance_squared(place), other))
-            .collect();
-        if known.len() > NEIGHBOURS {
-            known.select_nth_unstable_by(NEIGHBOURS, |a, b| a.partial_cmp(b).expect("distances are numbers"));
-            known.truncate(NEIGHBOURS);
-        }
+        let known = self.neighbours(index);
         let nearest = known.iter().map(|known| known.0).fold(f64::INFINITY, f64::min);
         if nearest > reach_m * reach_m {
             return None;
@@ -225,6 +227,20 @@ impl<'a> Growth<'a> {
             .filter_map(|&(_, other)| Some((self.targets[other].place_m, self.seen[other]?.pixel())))
             .collect();
         LocalPlane::fit(&pairs)
+    }
+
+    /// The nearest known corners but this one, with their squared distances on the board.
+    fn neighbours(&self, index: usize) -> Vec<(f64, usize)> {
+        let place = self.targets[index].place_m;
+        let mut known: Vec<(f64, usize)> = (0..self.targets.len())
+            .filter(|&other| other != index && self.seen[other].is_some())
+            .map(|other| (self.targets[other].place_m.distance_squared(place), other))
+            .collect();
+        if known.len() > NEIGHBOURS {
+            known.select_nth_unstable_by(NEIGHBOURS, |a, b| a.partial_cmp(b).expect("distances are numbers"));
+            known.truncate(NEIGHBOURS);
+        }
+        known
     }
 
     fn expected(&self, index: usize, plane: &LocalPlane) -> Option<Expected> {
@@ -239,7 +255,27 @@ impl<'a> Growth<'a> {
 
     fn find(&self, index: usize, plane: &LocalPlane) -> Option<Saddle> {
         let saddle = saddle::find(self.luma, &self.expected(index, plane)?)?;
-        self.has_right_colours(index, &saddle).then_some(saddle)
+        (self.has_right_colours(index, &saddle) && self.is_alike(index, &saddle)).then_some(saddle)
+    }
+
+    /// Whether a corner is about as sharp and as strong as those around it.
+    fn is_alike(&self, index: usize, saddle: &Saddle) -> bool {
+        let around = self
+            .neighbours(index)
+            .into_iter()
+            .filter_map(|(_, other)| match self.seen[other] {
+                Some(Seen::Found(saddle)) => Some((saddle.edge_width_px, saddle.contrast.abs())),
+                Some(Seen::Rough(_)) | None => None,
+            });
+        let (mut widths, mut contrasts): (Vec<f64>, Vec<f64>) = around.unzip();
+        if widths.len() < MIN_TO_COMPARE {
+            return true;
+        }
+        widths.sort_by(f64::total_cmp);
+        contrasts.sort_by(f64::total_cmp);
+        let (width, contrast) = (widths[widths.len() / 2], contrasts[contrasts.len() / 2]);
+        saddle.edge_width_px < MAX_WIDTH_RATIO * width + MAX_WIDTH_MORE_PX
+            && saddle.contrast.abs() > MIN_CONTRAST_RATIO * contrast
     }
 
     /// Pictures have y down, so on a board seen from the front the axes turn the other way, and the product of the

@@ -11,14 +11,17 @@ mod chessboard;
 mod detector;
 mod file;
 mod growth;
+mod marker_search;
 mod markers;
 mod plane;
+mod reason;
 mod saddle;
 
 use glam::{DVec2, DVec3};
 
-pub use detector::{BoardDetector, FoundBoard, MIN_CORNERS, NotFound, Reason};
+pub use detector::{BoardDetector, FoundBoard, MIN_CORNERS};
 pub use file::BoardFileError;
+pub use reason::{NotFound, Reason};
 
 use crate::tag::Family;
 

@@ -12,8 +12,8 @@ use nalgebra::{SMatrix, SVector};
 use crate::tag::LinearLuma;
 
 /// Unknowns: middle (2), directions of both edges (2), their curvatures (2), logarithm of the blur, grey, contrast,
-/// shading (2).
-const UNKNOWNS: usize = 11;
+/// shading (2), plateau.
+const UNKNOWNS: usize = 12;
 
 /// Pixels that a fit needs.
 const MIN_PIXELS: usize = 16;
@@ -34,11 +34,13 @@ const SHARP_PX: f64 = 0.55;
 const NOISE: f64 = 0.02;
 
 /// Standard deviations of what is expected of the unknowns: curvatures are nearly 0 per pixel, the shading too (per pixel,
-/// relative), directions are those of the grid, the blur's logarithm is that of a sharp picture.
+/// relative), directions are those of the grid, the blur's logarithm is that of a sharp picture, the middle between black
+/// and white is where edges are.
 const CURVATURE_SIGMA: f64 = 0.02;
 const SHADING_SIGMA: f64 = 0.02;
 const DIRECTION_SIGMA: f64 = 0.15;
 const BLUR_SIGMA: f64 = 1.0;
+const PLATEAU_SIGMA: f64 = 0.1;
 
 /// Rounds: the window is placed anew around the middle found.
 const ROUNDS: usize = 3;
@@ -47,7 +49,7 @@ const ROUNDS: usize = 3;
 const STEPS: usize = 20;
 
 /// Rms of the pixels that are not explained, relative to the contrast, above which it is no such corner.
-const MAX_MISFIT: f64 = 0.25;
+const MAX_MISFIT: f64 = 0.3;
 
 /// Least contrast, as a fraction of the signal's range.
 const MIN_CONTRAST: f64 = 0.004;
@@ -222,6 +224,7 @@ impl Window {
             (6, model.log_blur - SHARP_PX.ln(), BLUR_SIGMA),
             (9, model.shading.x, SHADING_SIGMA),
             (10, model.shading.y, SHADING_SIGMA),
+            (11, model.plateau, PLATEAU_SIGMA),
         ];
         for (index, deviation, sigma) in expectations {
             let weight = (NOISE / sigma).powi(2);
@@ -278,7 +281,8 @@ impl Fit {
     }
 }
 
-/// Brightness `(1 + shading · x) (grey + contrast E₁ E₂)`, E the blurred step from -1 to 1 across an edge.
+/// Brightness `(1 + shading · x) (grey + contrast p + plateau p²)` with `p = E₁ E₂`, E the blurred step from -1 to 1 across an
+/// edge. The plateau is what a wrong response curve does to first order.
 #[derive(Debug, Clone, Copy)]
 struct Model {
     middle: DVec2,
@@ -290,6 +294,7 @@ struct Model {
     grey: f64,
     contrast: f64,
     shading: DVec2,
+    plateau: f64,
 }
 
 impl Model {
@@ -310,6 +315,7 @@ impl Model {
             grey: grey / count,
             contrast: contrast / count,
             shading: DVec2::ZERO,
+            plateau: 0.0,
         }
     }
 
@@ -326,6 +332,7 @@ impl Model {
             grey: self.grey + step[7],
             contrast: self.contrast + step[8],
             shading: self.shading + DVec2::new(step[9], step[10]),
+            plateau: self.plateau + step[11],
         }
     }
 
@@ -337,11 +344,12 @@ impl Model {
             std::array::from_fn(|i| Edge::at(offset, DVec2::from_angle(self.angles[i]), self.curvatures[i], blur));
         let light = 1.0 + self.shading.dot(offset);
         let product = edges[0].step * edges[1].step;
-        let pattern = self.grey + self.contrast * product;
+        let pattern = self.grey + product * (self.contrast + product * self.plateau);
+        let by_product = self.contrast + 2.0 * product * self.plateau;
         let mut derivatives = SVector::zeros();
         let mut by_middle = -self.shading * pattern;
         for (i, edge) in edges.iter().enumerate() {
-            let by_distance = light * self.contrast * edge.slope * edges[1 - i].step;
+            let by_distance = light * by_product * edge.slope * edges[1 - i].step;
             by_middle -= by_distance * edge.gradient;
             derivatives[2 + i] = by_distance * edge.by_angle;
             derivatives[4 + i] = by_distance * edge.by_curvature;
@@ -353,6 +361,7 @@ impl Model {
         derivatives[8] = light * product;
         derivatives[9] = offset.x * pattern;
         derivatives[10] = offset.y * pattern;
+        derivatives[11] = light * product * product;
         (light * pattern, derivatives)
     }
 }

@@ -1,0 +1,218 @@
+//! The markers of a board in a picture; and if there are none, what is there instead.
+
+use super::{
+    Board, Reason,
+    markers::{PlacedMarker, consistent},
+};
+use crate::tag::{Detection, Detector, LinearLuma, LumaView};
+
+/// Exponent from light to the grey values in which markers are looked for.
+const BRIGHT_POWER: f64 = 0.35;
+
+/// Values of the 16-bit picture that share a grey value, as a power of two.
+const BRIGHT_SHIFT: u32 = 4;
+
+/// Neighbouring markers that are no accident.
+const MIN_GROUP: usize = 2;
+
+/// Markers from which on their arrangement is judged.
+const MIN_TO_JUDGE: usize = 5;
+
+/// Most columns that a board of another arrangement is thought to have.
+const MAX_COLUMNS: u32 = 40;
+
+/// Finds the markers of a board. Keeps its buffers.
+#[derive(Debug)]
+pub(super) struct MarkerSearch {
+    board: Board,
+    detector: Detector,
+    /// Made when it is needed: markers with the other width of border.
+    other_border: Option<Detector>,
+    bright: Vec<u8>,
+}
+
+impl MarkerSearch {
+    /// `None` for a chessboard.
+    pub(super) fn new(board: &Board) -> Option<Self> {
+        let detector = match *board {
+            Board::AprilGrid {
+                family, border_bits, ..
+            } => Detector::with_border(&[family], border_bits),
+            Board::Charuco { family, .. } => Detector::new(&[family]),
+            Board::Chessboard { .. } => return None,
+        };
+        Some(Self {
+            board: *board,
+            detector,
+            other_border: None,
+            bright: Vec::new(),
+        })
+    }
+
+    /// The board's markers, as far as they agree with each other.
+    ///
+    /// # Errors
+    /// When something else than the board was found.
+    pub(super) fn find(&mut self, luma: &LinearLuma) -> Result<Vec<PlacedMarker>, Reason> {
+        self.bright = brightened(luma);
+        let size = luma.size();
+        let mut detections = self.detector.detect(view(&self.bright, size));
+        if self.board.place(&detections).len() < self.board.markers_m().len() {
+            // Ink spreads, and black squares that should only touch grow together: white grown by a pixel parts them.
+            let grown = lightest_of_nine(&self.bright, size);
+            detections.extend(self.detector.detect(view(&grown, size)));
+        }
+        let found = self.group(&self.board, &detections);
+        if found.len() < MIN_GROUP {
+            self.look_for_another(size)?;
+        }
+        self.judge_arrangement(&detections, found.len())?;
+        Ok(found)
+    }
+
+    fn group(&self, board: &Board, detections: &[Detection]) -> Vec<PlacedMarker> {
+        consistent(&board.place(detections), self.board.pitch_m())
+    }
+
+    /// Whether the board is there mirrored, or with another border.
+    fn look_for_another(&mut self, size: [usize; 2]) -> Result<(), Reason> {
+        let mirrored: Vec<u8> = self
+            .bright
+            .chunks_exact(size[0].max(1))
+            .flat_map(|row| row.iter().rev().copied())
+            .collect();
+        let detections = self.detector.detect(view(&mirrored, size));
+        let markers = self.group(&self.board, &detections).len();
+        if markers >= MIN_GROUP {
+            return Err(Reason::Mirrored { markers });
+        }
+        let Board::AprilGrid {
+            family,
+            border_bits: expected,
+            ..
+        } = self.board
+        else {
+            return Ok(());
+        };
+        let found = if expected == 1 { 2 } else { 1 };
+        let detector = self
+            .other_border
+            .get_or_insert_with(|| Detector::with_border(&[family], found));
+        let detections = detector.detect(view(&self.bright, size));
+        if self.group(&self.board, &detections).len() >= MIN_GROUP {
+            return Err(Reason::OtherBorder { found, expected });
+        }
+        Ok(())
+    }
+
+    /// Whether the markers belong together in another way than on the board.
+    fn judge_arrangement(&self, detections: &[Detection], in_group: usize) -> Result<(), Reason> {
+        let (first, last) = self.ids();
+        let mut ids: Vec<u32> = detections.iter().map(|detection| detection.id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        if ids.len() < MIN_TO_JUDGE {
+            return Ok(());
+        }
+        let all = with_all_ids(&self.board);
+        let group = self.group(&all, detections);
+        let outside = group.iter().map(|marker| all.first_id() + marker.number);
+        let outside = outside.filter(|id| !(first..=last).contains(id)).count();
+        if outside >= MIN_GROUP && group.len() > in_group {
+            return Err(Reason::OtherIds {
+                lowest: ids[0],
+                highest: ids[ids.len() - 1],
+                first,
+                last,
+            });
+        }
+        if 2 * in_group >= ids.len() {
+            return Ok(());
+        }
+        let expected = columns(&self.board);
+        let fitting = (1..=MAX_COLUMNS)
+            .map(|columns| (self.group(&with_columns(&all, columns), detections).len(), columns))
+            .max_by(|a, b| a.0.cmp(&b.0).then(b.1.cmp(&a.1)));
+        match fitting {
+            Some((size, found)) if found != expected && 4 * size >= 3 * ids.len() => {
+                Err(Reason::OtherColumns { found, expected })
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    /// Lowest and highest id of the board.
+    fn ids(&self) -> (u32, u32) {
+        let first = self.board.first_id();
+        let count = u32::try_from(self.board.markers_m().len()).expect("boards have less than 2³² markers");
+        (first, first + count.saturating_sub(1))
+    }
+}
+
+fn columns(board: &Board) -> u32 {
+    match *board {
+        Board::AprilGrid { columns, .. } | Board::Charuco { columns, .. } | Board::Chessboard { columns, .. } => {
+            columns
+        }
+    }
+}
+
+/// The board with another number of columns, and so many rows that every id of the family is on it.
+fn with_columns(board: &Board, new: u32) -> Board {
+    let mut board = *board;
+    match &mut board {
+        Board::AprilGrid {
+            family, columns, rows, ..
+        } => {
+            *columns = new;
+            *rows = family.codes().div_ceil(new);
+        }
+        Board::Charuco { columns, .. } => *columns = new,
+        Board::Chessboard { .. } => {}
+    }
+    board
+}
+
+/// The board with more rows, so that all higher ids have a place; ChArUco boards count from the top and keep their rows.
+fn with_all_ids(board: &Board) -> Board {
+    with_columns(board, columns(board))
+}
+
+/// Grey values in which the middle between white and black in linear light is nearer to white: where the corners of black
+/// squares touch, they count as apart, and each marker has an outline of its own.
+fn brightened(luma: &LinearLuma) -> Vec<u8> {
+    let most = luma.linear().iter().max().map_or(1.0, |&most| f64::from(most).max(1.0));
+    let table: Vec<u8> = (0..=u16::MAX >> BRIGHT_SHIFT)
+        .map(|bin| {
+            let value = (f64::from(bin) + 0.5) * f64::from(1 << BRIGHT_SHIFT);
+            (255.0 * (value / most).min(1.0).powf(BRIGHT_POWER)).round() as u8
+        })
+        .collect();
+    let grey = |&value: &u16| table[usize::from(value >> BRIGHT_SHIFT)];
+    luma.linear().iter().map(grey).collect()
+}
+
+fn view(pixels: &[u8], size: [usize; 2]) -> LumaView<'_> {
+    LumaView::new(size, size[0], pixels).expect("`LinearLuma` has checked the size")
+}
+
+/// The lightest of every pixel and its eight neighbours.
+fn lightest_of_nine(pixels: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
+    let mut across = pixels.to_vec();
+    for (row, source) in across
+        .chunks_exact_mut(width.max(1))
+        .zip(pixels.chunks_exact(width.max(1)))
+    {
+        for (target, three) in row.iter_mut().skip(1).zip(source.windows(3)) {
+            *target = three[0].max(three[1]).max(three[2]);
+        }
+    }
+    let mut result = across.clone();
+    for y in 1..height.saturating_sub(1) {
+        for x in 0..width {
+            let i = y * width + x;
+            result[i] = across[i - width].max(across[i]).max(across[i + width]);
+        }
+    }
+    result
+}

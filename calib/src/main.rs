@@ -77,3 +77,35 @@ fn report(error: &CommandError, stderr: &mut impl Write) -> io::Result<()> {
         None => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Cli;
+
+    #[test]
+    fn options_of_all_commands_fit_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_camera_is_one_input_among_others() {
+        let parse = |line: &str| {
+            let words = ["mirrorball-calib"].into_iter().chain(line.split(' '));
+            Cli::command().try_get_matches_from(words).map(|_| ())
+        };
+        assert!(parse("detect a.png").is_ok());
+        assert!(parse("detect --device vivid --size 640x480 --frames 3").is_ok());
+        for line in [
+            "detect",
+            "detect --device vivid",
+            "detect a.png --frames 3",
+            "detect a.png --device vivid --size 640x480",
+            "detect --device vivid --size 640",
+            "detect --device vivid --size 640x480 --seconds 0",
+        ] {
+            assert!(parse(line).is_err(), "{line}");
+        }
+    }
+}

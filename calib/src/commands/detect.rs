@@ -1,4 +1,4 @@
-//! `detect`: the markers in pictures.
+//! `detect`: the markers in pictures, or before a camera.
 
 use std::{
     io::Write,
@@ -7,6 +7,7 @@ use std::{
 };
 
 use glam::{DMat3, DVec2};
+use image::RgbImage;
 use mirrorball_calib::{
     camera::{Intrinsics, LensModel},
     photometry::Photometry,
@@ -16,13 +17,15 @@ use mirrorball_calib::{
 };
 use serde::Serialize;
 
-use super::{CommandError, families, no_camera, read_rig};
+use super::{CommandError, families, input::LiveArgs, no_camera, read_rig};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// Pictures (PNG or JPEG).
-    #[arg(value_name = "IMAGE", required = true)]
+    #[arg(value_name = "IMAGE", required_unless_present = "device", conflicts_with = "device")]
     images: Vec<PathBuf>,
+    #[command(flatten)]
+    live: LiveArgs,
     /// Print one JSON object per picture.
     #[arg(long)]
     json: bool,
@@ -52,15 +55,37 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     };
     let mut finder = Finder::new(&families);
     for file in &args.images {
-        let found = search(file, &taker, &mut finder)?;
-        let line = if args.json {
-            json_line(file, &found)?
-        } else {
-            text_line(file, &found)
-        };
-        out.write_all(line.as_bytes()).map_err(CommandError::Output)?;
+        let picture = image::open(file).map_err(|source| CommandError::ReadPicture {
+            file: file.to_owned(),
+            source,
+        })?;
+        let found = search(file, &picture.into_rgb8(), &taker, &mut finder)?;
+        print(args, file, &found, out)?;
+    }
+    if let Some(address) = &args.live.device {
+        let mut pictures = args.live.pictures(address)?;
+        while let Some(picture) = pictures.next() {
+            let picture = picture?;
+            let name = Path::new(&picture.name);
+            let found = search(name, &picture.rgb, &taker, &mut finder)?;
+            print(args, name, &found, out)?;
+            // Whoever watches a camera wants to see it now.
+            out.flush().map_err(CommandError::Output)?;
+            if !found.detections.is_empty() {
+                pictures.keep(&picture)?;
+            }
+        }
     }
     Ok(())
+}
+
+fn print(args: &Args, file: &Path, found: &Found, out: &mut impl Write) -> Result<(), CommandError> {
+    let line = if args.json {
+        json_line(file, found)?
+    } else {
+        text_line(file, found)
+    };
+    out.write_all(line.as_bytes()).map_err(CommandError::Output)
 }
 
 struct Found {
@@ -68,13 +93,7 @@ struct Found {
     detections: Vec<Detection>,
 }
 
-fn search(file: &Path, taker: &Taker, finder: &mut Finder) -> Result<Found, CommandError> {
-    let picture = image::open(file)
-        .map_err(|source| CommandError::ReadPicture {
-            file: file.to_owned(),
-            source,
-        })?
-        .into_rgb8();
+fn search(file: &Path, picture: &RgbImage, taker: &Taker, finder: &mut Finder) -> Result<Found, CommandError> {
     let plain;
     let camera = match taker {
         Taker::Known(camera) => camera,

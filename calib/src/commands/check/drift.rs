@@ -9,7 +9,7 @@ use mirrorball_calib::{
 use serde::Serialize;
 
 use super::{
-    super::{CommandError, explain::Explain, output::OutputArgs, progress::Progress},
+    super::{CommandError, explain::Explain, progress::Progress},
     Args,
 };
 
@@ -62,11 +62,7 @@ pub(super) fn conclude(
         }
         Err(error @ DriftError::NotConverged) => return Err(CheckError::Drift(error).into()),
     };
-    let outputs = OutputArgs {
-        out: None,
-        json: args.json.clone(),
-        report: args.report.clone(),
-    };
+    let outputs = args.outputs();
     outputs.write_json(&Numbers::of(args, drift.as_ref()))?;
     outputs.write_report(|| page(args, drift.as_ref()))?;
     let Some(drift) = drift else { return Ok(None) };
@@ -265,17 +261,13 @@ fn page(args: &Args, drift: Option<&Drift>) -> Report {
     }
     report.push(markers(drift)).push(cameras(drift));
     for camera in &drift.cameras {
-        let size_px = [0, 1].map(|axis| {
-            let places = camera.residuals_px.iter().map(|(place, _)| place[axis]);
-            places.fold(1.0, f64::max).ceil() as u32
-        });
         report.push(Block::Plot {
             caption: format!(
                 "Residuals of camera {}: markers that all point one way have moved, arrows to or from the middle are a lens",
                 camera.name
             ),
             plot: Plot::Vectors {
-                size_px,
+                size_px: camera.size_px,
                 vectors: camera.residuals_px.clone(),
                 scale: ENLARGED / camera.ratio.max(1.0),
             },

@@ -21,7 +21,7 @@ use mirrorball_calib::{
 };
 use mirrorball_capture::{Frame, Next, Source, SourceError, source::PictureError, to_rgb8};
 
-use super::{CommandError, families, input::InputError};
+use super::{CommandError, families, input::InputError, output::OutputArgs};
 pub(crate) use drift::CheckError;
 
 /// How long to wait for a frame before asking again; a recording played as fast as possible never takes that long.
@@ -50,7 +50,18 @@ pub(crate) struct Args {
     report: Option<PathBuf>,
 }
 
+impl Args {
+    fn outputs(&self) -> OutputArgs {
+        OutputArgs {
+            out: None,
+            json: self.json.clone(),
+            report: self.report.clone(),
+        }
+    }
+}
+
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.outputs().check()?;
     let (rig, mut source) = recording::open(&args.subject, args.recording.as_deref())?;
     let mut replay = Replay::new(&rig);
     writeln!(out, "   frame  markers  error px   camera in world, mm").map_err(CommandError::Output)?;

@@ -50,7 +50,7 @@ pub struct Matters {
 /// more; the issue's own figure for a lens is a hundredth of a pixel, ten times less than this makes over the field). Four
 /// standard deviations come by chance once in 16 000, and a rig has fewer parts.
 ///
-/// Corners of good pictures stay below one and a half of their expected residual (`tests/data`); three are more than wear.
+/// Corners of good pictures have half of their expected residual (`tests/data`, noisier ones as much); three are more than wear.
 pub const MATTERS: Matters = Matters {
     distance_m: 0.5e-3,
     distance_relative: 1e-3,

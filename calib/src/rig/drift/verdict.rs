@@ -47,6 +47,8 @@ const ALONG_AXIS: f64 = 0.9;
 pub struct CameraFit {
     /// Name.
     pub name: String,
+    /// Width and height of its pictures in pixels.
+    pub size_px: [u32; 2],
     /// Corners seen.
     pub corners: usize,
     /// Root mean square of their residuals, in pixels.
@@ -348,6 +350,7 @@ pub(super) fn cameras(problem: &Problem<'_>, rig: &Rig, explanation: &Explanatio
         let own = all.filter(|(seen, _)| seen.camera == index);
         (corners > 0).then(|| CameraFit {
             name: camera.name.clone(),
+            size_px: camera.intrinsics.size_px,
             corners,
             rms_px,
             ratio,

@@ -1,17 +1,26 @@
 //! Where a routine's pictures come from: a folder, a recording, a camera. One at a time, so that hundreds need no memory.
 
+mod collect;
+mod live;
+
 use std::{
-    io,
+    fs, io,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use image::RgbImage;
 use mirrorball_capture::{
-    DecodeError, Exposure, Next, Pace, Repeat, Source, SourceError, decode::to_rgb8, recording::open_recording,
+    DecodeError, Exposure, Next, Pace, Repeat, Source, SourceError,
+    decode::to_rgb8,
+    recording::open_recording,
+    v4l2::{CameraAddress, StreamError, V4l2Error},
 };
 
 use super::explain::Explain;
+pub(crate) use collect::{Collected, Verdict, collect};
+use live::Live;
+pub(crate) use live::LiveArgs;
 
 /// How long to wait for a frame before asking again; a recording played as fast as possible never takes that long.
 const TIMEOUT: Duration = Duration::from_secs(1);
@@ -26,12 +35,14 @@ pub(crate) struct InputArgs {
     /// Recording: a folder with `frames.csv`, or an MCAP file.
     #[arg(long, value_name = "PATH")]
     pub(crate) recording: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) live: LiveArgs,
 }
 
 /// A picture and what is known about it.
 #[derive(Debug, Clone)]
 pub(crate) struct Picture {
-    /// File name, or number of the frame.
+    /// File name, or number of the frame, with its camera in a recording.
     pub(crate) name: String,
     /// The camera that took it; `None` in a folder of pictures.
     pub(crate) camera: Option<String>,
@@ -39,7 +50,8 @@ pub(crate) struct Picture {
     pub(crate) sequence: Option<u64>,
     /// When, in nanoseconds on the recording's clock.
     pub(crate) timestamp_ns: Option<u64>,
-    /// Exposure time, gain and white balance that were in force.
+    /// Exposure time, gain and white balance that were in force. From a camera at work only the time is known, and that only
+    /// while the camera does not change it by itself.
     pub(crate) exposure: Option<Exposure>,
     /// Encoded pixels.
     pub(crate) rgb: RgbImage,
@@ -74,11 +86,41 @@ pub(crate) enum InputError {
         #[source]
         source: DecodeError,
     },
+    #[error("cannot use camera `{address}`")]
+    Camera {
+        address: String,
+        #[source]
+        source: Box<V4l2Error>,
+    },
+    #[error("camera `{address}` has stopped")]
+    Stream {
+        address: String,
+        #[source]
+        source: Box<StreamError>,
+    },
+    #[error("camera `{address}` sends no pictures")]
+    Silent { address: String },
+    #[error("cannot listen for Ctrl-C")]
+    Signals(#[source] io::Error),
+    #[error("cannot keep picture `{}`", file.display())]
+    Keep {
+        file: PathBuf,
+        #[source]
+        source: io::Error,
+    },
 }
 
 impl Explain for InputError {
     fn is_bad_input(&self) -> bool {
-        true
+        match self {
+            Self::Folder { .. }
+            | Self::Empty { .. }
+            | Self::Picture { .. }
+            | Self::Recording { .. }
+            | Self::Decode { .. }
+            | Self::Camera { .. } => true,
+            Self::Stream { .. } | Self::Silent { .. } | Self::Signals(_) | Self::Keep { .. } => false,
+        }
     }
 
     fn hint(&self) -> Option<&str> {
@@ -86,23 +128,51 @@ impl Explain for InputError {
             Self::Folder { .. } | Self::Empty { .. } => "give a folder of PNG or JPEG pictures",
             Self::Picture { .. } | Self::Decode { .. } => "remove the damaged picture, or take it anew",
             Self::Recording { source, .. } => source.hint(),
+            Self::Camera { source, .. } => camera_hint(source),
+            Self::Stream { source, .. } => source.hint(),
+            Self::Silent { .. } => "`mirrorball-capture doctor` looks for the cause",
+            Self::Signals(_) => return None,
+            Self::Keep { .. } => "give a folder that can be written to with `--keep`",
         })
+    }
+}
+
+/// What to do about a camera that cannot be used; without the sentences that need its name.
+fn camera_hint(error: &V4l2Error) -> &'static str {
+    match error {
+        V4l2Error::NoSuchCamera { .. } | V4l2Error::NotACamera { .. } => {
+            "`mirrorball-capture devices` lists the cameras"
+        }
+        V4l2Error::Ambiguous { .. } => "add the USB port, as in `NAME@usb-0000:00:14.0-1`",
+        V4l2Error::NoPermission { .. } => "add the user to the group that owns the camera, usually `video`",
+        V4l2Error::Busy { .. } => {
+            "end the other program, such as the capture daemon; one at a time can have the camera"
+        }
+        V4l2Error::Unplugged { .. } => "plug it in again",
+        V4l2Error::FormatRefused { .. } => "choose another `--size`; `mirrorball-capture devices` lists all",
+        V4l2Error::Call { .. } => "`mirrorball-capture doctor` looks for the cause; the kernel's log may say more",
     }
 }
 
 /// Pictures, one after the other.
 pub(crate) struct Pictures {
     origin: Origin,
+    /// Where pictures that are used are saved.
+    keep: Option<PathBuf>,
 }
 
 enum Origin {
     Files(std::vec::IntoIter<PathBuf>),
     Recording { path: PathBuf, source: Box<dyn Source> },
+    Live(Box<Live>),
 }
 
 impl InputArgs {
     /// Opens the input.
     pub(crate) fn open(&self) -> Result<Pictures, InputError> {
+        if let Some(address) = &self.live.device {
+            return self.live.pictures(address);
+        }
         let origin = match (&self.images, &self.recording) {
             (Some(folder), _) => Origin::Files(files(folder)?.into_iter()),
             (None, Some(path)) => Origin::Recording {
@@ -114,7 +184,23 @@ impl InputArgs {
             },
             (None, None) => unreachable!("clap demands one of them"),
         };
-        Ok(Pictures { origin })
+        Ok(Pictures { origin, keep: None })
+    }
+}
+
+impl LiveArgs {
+    /// Opens the camera.
+    pub(crate) fn pictures(&self, address: &CameraAddress) -> Result<Pictures, InputError> {
+        if let Some(folder) = &self.keep {
+            fs::create_dir_all(folder).map_err(|source| InputError::Keep {
+                file: folder.clone(),
+                source,
+            })?;
+        }
+        Ok(Pictures {
+            origin: Origin::Live(Box::new(self.open(address)?)),
+            keep: self.keep.clone(),
+        })
     }
 }
 
@@ -124,7 +210,20 @@ impl Pictures {
         match &self.origin {
             Origin::Files(files) => Some(files.len()),
             Origin::Recording { .. } => None,
+            Origin::Live(live) => live.expected(),
         }
+    }
+
+    /// Whether a person stands before the camera now, who can be told what to do.
+    pub(crate) fn is_live(&self) -> bool {
+        matches!(self.origin, Origin::Live(_))
+    }
+
+    /// Saves a picture that is used, if pictures are to be kept.
+    pub(crate) fn keep(&self, picture: &Picture) -> Result<(), InputError> {
+        let Some(folder) = &self.keep else { return Ok(()) };
+        let file = folder.join(format!("{}.png", picture.name));
+        picture.rgb.save(&file).map_err(live::keep_error(file))
     }
 }
 
@@ -134,6 +233,7 @@ impl Iterator for Pictures {
     fn next(&mut self) -> Option<Self::Item> {
         match &mut self.origin {
             Origin::Files(files) => files.next().map(|file| read(&file)),
+            Origin::Live(live) => live.next(),
             Origin::Recording { path, source } => loop {
                 match source.next_frame(TIMEOUT) {
                     Ok(Next::Frame(frame)) => return Some(picture(&frame)),

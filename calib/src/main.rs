@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, merge, probe};
+use commands::{CommandError, check, detect, extrinsics, markers, merge, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -27,6 +27,10 @@ enum Command {
     Detect(detect::Args),
     /// Locates the camera in every frame of a recording and prints how well that went.
     Check(check::Args),
+    /// Finds where markers are to each other, from pictures that show several at a time.
+    Markers(markers::Args),
+    /// Finds where fixed cameras stand, or where one camera is beside another, from markers.
+    Extrinsics(extrinsics::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -43,6 +47,8 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Detect(args) => detect::run(&args, &mut out),
         Command::Check(args) => check::run(&args, &mut out),
+        Command::Markers(args) => markers::run(&args, &mut out),
+        Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
     };

@@ -3,10 +3,14 @@
 pub(crate) mod check;
 pub(crate) mod detect;
 mod explain;
+pub(crate) mod extrinsics;
 mod input;
+pub(crate) mod markers;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod probe;
+mod sightings;
+mod view_list;
 
 use std::{
     fs, io,

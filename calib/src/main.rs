@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, intrinsics, merge, photometric, probe};
+use commands::{CommandError, check, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -29,6 +29,10 @@ enum Command {
     Check(check::Args),
     /// Finds a camera's lens from pictures of a board.
     Intrinsics(intrinsics::Args),
+    /// Finds where markers are to each other, from pictures that show several at a time.
+    Markers(markers::Args),
+    /// Finds where fixed cameras stand, or where one camera is beside another, from markers.
+    Extrinsics(extrinsics::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -48,6 +52,8 @@ fn main() -> ExitCode {
         Command::Detect(args) => detect::run(&args, &mut out),
         Command::Check(args) => check::run(&args, &mut out),
         Command::Intrinsics(args) => intrinsics::run(&args, &mut out),
+        Command::Markers(args) => markers::run(&args, &mut out),
+        Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),

@@ -3,13 +3,17 @@
 pub(crate) mod check;
 pub(crate) mod detect;
 mod explain;
+pub(crate) mod extrinsics;
 mod input;
 pub(crate) mod intrinsics;
+pub(crate) mod markers;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod photometric;
 pub(crate) mod probe;
 mod progress;
+mod sightings;
+mod view_list;
 
 use std::{
     fs, io,

@@ -63,6 +63,7 @@
 //! No input or output: the library opens no file (the program of the same name does). No GPU. No global state. No
 //! clock: equal input gives equal output, bit for bit. `unsafe` stands in `tag::apriltag` only, around the C detector.
 
+pub mod ball_fit;
 pub mod board;
 pub mod camera;
 pub mod intrinsics;

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
+use commands::{CommandError, ball, check, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -33,6 +33,8 @@ enum Command {
     Markers(markers::Args),
     /// Finds where fixed cameras stand, or where one camera is beside another, from markers.
     Extrinsics(extrinsics::Args),
+    /// Finds the mirror ball: centre, radius, reflectance.
+    Ball(ball::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
         Command::Intrinsics(args) => intrinsics::run(&args, &mut out),
         Command::Markers(args) => markers::run(&args, &mut out),
         Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
+        Command::Ball(args) => ball::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),

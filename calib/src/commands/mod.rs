@@ -1,5 +1,6 @@
 //! The program's commands, and what can go wrong in them.
 
+pub(crate) mod ball;
 pub(crate) mod check;
 pub(crate) mod detect;
 mod explain;

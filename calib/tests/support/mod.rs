@@ -162,9 +162,15 @@ pub(crate) fn picture(rig: &Rig, camera_from_world: &Pose, samples: u32) -> Vec<
 
 /// White 0.7, black 0.03, grey 0.2 where there is no marker.
 fn radiance(rig: &Rig, world_from_camera: &Pose, ray: DVec3) -> f64 {
-    let origin = world_from_camera.translation;
     let direction = world_from_camera.transform_vector(ray);
-    let mut nearest = (f64::INFINITY, 0.2);
+    let is_white = paper(rig, world_from_camera.translation, direction).map(|(_, is_white)| is_white);
+    is_white.map_or(0.2, |is_white| if is_white { 0.7 } else { 0.03 })
+}
+
+/// The nearest marker's paper that a ray of the world meets: how far away, in lengths of `direction`, and whether it is white
+/// there.
+pub(crate) fn paper(rig: &Rig, origin: DVec3, direction: DVec3) -> Option<(f64, bool)> {
+    let mut nearest: Option<(f64, bool)> = None;
     for marker in &rig.markers {
         let marker_from_world = marker.world_from_marker.inverse();
         let (from, towards) = (
@@ -174,14 +180,16 @@ fn radiance(rig: &Rig, world_from_camera: &Pose, ray: DVec3) -> f64 {
         let distance = -from.z / towards.z;
         let cell = (from + towards * distance).truncate() / (marker.side_m / 8.0) + 5.0;
         let inside = cell.cmpge(DVec2::ZERO).all() && cell.cmplt(DVec2::splat(10.0)).all();
-        if distance > 0.0 && distance < nearest.0 && inside {
+        if distance > 1e-9 && inside && nearest.is_none_or(|(before, _)| distance < before) {
             let (_, bitmap) = BITMAPS
                 .iter()
                 .find(|(id, _)| *id == marker.id)
                 .expect("a marker with a bitmap");
-            let white = bitmap[9 - cell.y as usize].as_bytes()[cell.x as usize] == b'.';
-            nearest = (distance, if white { 0.7 } else { 0.03 });
+            nearest = Some((
+                distance,
+                bitmap[9 - cell.y as usize].as_bytes()[cell.x as usize] == b'.',
+            ));
         }
     }
-    nearest.1
+    nearest
 }

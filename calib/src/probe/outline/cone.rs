@@ -85,11 +85,18 @@ impl Cone {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ConeFit {
     pub(super) axis: DVec3,
+    pub(super) half_angle: f64,
+    /// Two unit vectors across the axis.
+    pub(super) basis: [DVec3; 2],
     /// Covariance of the axis in the basis, pixels².
     covariance_px2: DMat2,
+    /// Covariance of axis and half-angle, pixels²: what all profiles of a picture have in common, but for blur, included.
+    pub(super) joint_covariance_px2: DMat3,
     /// Squared shift of the axis in standard deviations.
     pub(super) deviation_squared: f64,
     pub(super) growth_px: f64,
+    /// Mean logarithm, over the profiles that agree, of what the edge of a mirror leaves unexplained.
+    pub(super) misfit: f64,
     pub(super) n_used: usize,
 }
 
@@ -154,6 +161,7 @@ struct Sums {
     /// The same of the profiles whose cost is hollow there.
     hollows: DMat3,
     n_agreeing: usize,
+    misfit: f64,
 }
 
 impl Sums {
@@ -172,6 +180,7 @@ impl Problem<'_> {
             curvature: DMat3::from_diagonal(DVec3::Z * self.prior),
             hollows: DMat3::from_diagonal(DVec3::Z * self.prior),
             n_agreeing: 0,
+            misfit: 0.0,
         };
         for (profile, costs) in self.profiles.iter() {
             let (offset_px, row) = self.crossing(cone, profile);
@@ -183,7 +192,10 @@ impl Problem<'_> {
             let square = DMat3::from_cols(row * row.x, row * row.y, row * row.z);
             sums.curvature += square * bend;
             sums.hollows += square * bend.max(0.0);
-            sums.n_agreeing += usize::from(costs.agrees(profile, offset_px));
+            if costs.agrees(profile, offset_px) {
+                sums.n_agreeing += 1;
+                sums.misfit += costs.misfit_at(offset_px);
+            }
         }
         sums
     }
@@ -215,16 +227,33 @@ impl Problem<'_> {
         } else {
             DMat2::from_diagonal(DVec2::splat(1e6))
         };
+        let joint = [sums.curvature, sums.hollows].map(|curvature| curvature.inverse());
+        let joint = joint.into_iter().find(is_positive);
+        let joint_covariance_px2 = joint
+            .filter(|_| is_minimum)
+            .map_or(DMat3::from_diagonal(DVec3::splat(1e6)), |covariance| {
+                covariance + DMat3::from_diagonal(DVec3::splat(COMMON_SIGMA_PX * COMMON_SIGMA_PX))
+            });
         let (angle, outwards) = self.predicted.polar(cone.axis);
         let shift_px = outwards * angle * self.px_per_rad;
         ConeFit {
             axis: cone.axis,
+            half_angle: cone.half_angle,
+            basis: cone.basis,
             covariance_px2,
+            joint_covariance_px2,
             deviation_squared: shift_px.dot(covariance_px2.inverse() * shift_px),
             growth_px: (cone.half_angle - self.predicted.half_angle) * self.px_per_rad,
+            misfit: sums.misfit / sums.n_agreeing as f64,
             n_used: sums.n_agreeing,
         }
     }
+}
+
+/// Whether a symmetric matrix is positive definite: its leading minors are (Sylvester).
+fn is_positive(m: &DMat3) -> bool {
+    let minor = m.x_axis.x * m.y_axis.y - m.x_axis.y * m.y_axis.x;
+    m.is_finite() && m.x_axis.x > 0.0 && minor > 0.0 && m.determinant() > 0.0
 }
 
 /// The shift, in pixels in the predicted cone's basis, whose outline has the most evidence.

@@ -20,7 +20,7 @@
 mod cone;
 mod evidence;
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::View;
 use super::mirror_ball::MirrorBall;
@@ -35,6 +35,10 @@ pub struct OutlineSettings {
     pub search_m: f64,
     /// Standard deviation of the ball's radius over its distance as measured, relative, above 0.
     pub size_sigma: f64,
+    /// Standard deviation of the picture's blur beyond a pixel's own area, pixels, 0 or more: edges are expected that soft.
+    pub blur_px: f64,
+    /// How far outside the outline a mirror's edge is judged, pixels; half as far inside. Blurred edges need more of it.
+    pub window_px: f64,
 }
 
 impl Default for OutlineSettings {
@@ -42,6 +46,8 @@ impl Default for OutlineSettings {
         Self {
             search_m: 0.005,
             size_sigma: 0.003,
+            blur_px: 0.0,
+            window_px: 3.0,
         }
     }
 }
@@ -113,6 +119,28 @@ pub struct OutlineFit {
     pub n_profiles: usize,
 }
 
+/// The cone of rays that touch the ball, as one picture shows it; camera frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConeSighting {
+    /// Unit ray to the ball's centre.
+    pub axis: DVec3,
+    /// Angle between the axis and the rays that touch the ball, radians. Blur of the picture widens or narrows it a little.
+    pub half_angle_rad: f64,
+    /// Two unit vectors across the axis.
+    pub basis: [DVec3; 2],
+    /// Covariance of the axis (along the basis) and of the half-angle, radians²; blur is not in it.
+    pub covariance_rad2: DMat3,
+    /// Pixels per radian around the axis.
+    pub px_per_rad: f64,
+    /// Mean logarithm, over the profiles that agree, of what the edge of a mirror leaves unexplained of them: the lower, the
+    /// better do reflectance and blur describe the edge.
+    pub misfit: f64,
+    /// Profiles that agree.
+    pub n_used: usize,
+    /// Profiles in the picture.
+    pub n_profiles: usize,
+}
+
 impl OutlineFit {
     /// Whether the shift is more than measurement error: by chance one still ball in a thousand is called moved (χ² of two
     /// degrees of freedom).
@@ -145,6 +173,41 @@ impl OutlineFinder {
     /// # Errors
     /// [`OutlineError`] when the picture does not tell.
     pub fn find(&mut self, view: &View<'_>, ball: &MirrorBall, reflectance: Vec3) -> Result<OutlineFit, OutlineError> {
+        let found = self.search(view, ball, reflectance)?;
+        Ok(report(view, &found))
+    }
+
+    /// Finds the cone of rays that touch `ball`, predicted where it is known to be, in a picture: for those who want its
+    /// half-angle too.
+    ///
+    /// # Errors
+    /// [`OutlineError`] when the picture does not tell.
+    pub fn sight(
+        &mut self,
+        view: &View<'_>,
+        ball: &MirrorBall,
+        reflectance: Vec3,
+    ) -> Result<ConeSighting, OutlineError> {
+        let Found {
+            fit,
+            px_per_rad,
+            n_profiles,
+            ..
+        } = self.search(view, ball, reflectance)?;
+        Ok(ConeSighting {
+            axis: fit.axis,
+            half_angle_rad: fit.half_angle,
+            basis: fit.basis,
+            covariance_rad2: fit.joint_covariance_px2 * (1.0 / (px_per_rad * px_per_rad)),
+            px_per_rad,
+            misfit: fit.misfit,
+            n_used: fit.n_used,
+            n_profiles,
+        })
+    }
+
+    /// The search itself.
+    fn search(&mut self, view: &View<'_>, ball: &MirrorBall, reflectance: Vec3) -> Result<Found, OutlineError> {
         const MIN_RADIUS_PX: f64 = 6.0;
         const MAX_SEARCH_PX: f64 = 12.0;
         let center = view.camera_from_world.transform_point(ball.center_m);
@@ -163,6 +226,8 @@ impl OutlineFinder {
             radius_px,
             search_px,
             reflectance,
+            blur_px: self.settings.blur_px,
+            window_px: self.settings.window_px,
         };
         self.profiles.read(view, &cone, reach);
         let (n_profiles, n_with_edge) = (self.profiles.len(), self.profiles.n_with_edge());
@@ -180,11 +245,31 @@ impl OutlineFinder {
         if share < MIN_AGREEING || sigma_px > MAX_SIGMA_PX {
             return Err(OutlineError::Covered { share, sigma_px });
         }
-        Ok(report(view, center, (&fit, px_per_rad), n_profiles))
+        Ok(Found {
+            center,
+            fit,
+            px_per_rad,
+            n_profiles,
+        })
     }
 }
 
-fn report(view: &View<'_>, center: DVec3, (fit, px_per_rad): (&ConeFit, f64), n_profiles: usize) -> OutlineFit {
+/// What a search has found.
+struct Found {
+    /// The ball's predicted centre, camera frame, metres.
+    center: DVec3,
+    fit: ConeFit,
+    px_per_rad: f64,
+    n_profiles: usize,
+}
+
+fn report(view: &View<'_>, found: &Found) -> OutlineFit {
+    let Found {
+        center,
+        fit,
+        px_per_rad,
+        n_profiles,
+    } = *found;
     let distance_m = center.length();
     let moved = fit.axis * distance_m;
     let shift_m = view.camera_from_world.inverse().transform_vector(moved - center);

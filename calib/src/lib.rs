@@ -68,6 +68,7 @@ pub mod board;
 pub mod camera;
 pub mod intrinsics;
 pub mod extrinsics;
+pub mod color;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
+use commands::{CommandError, ball, check, color, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -41,6 +41,8 @@ enum Command {
     Probe(probe::Args),
     /// Measures a camera's response, noise, vignetting, black level, true exposures and control latency.
     Photometric(photometric::Args),
+    /// Measures the colour matrix between two cameras from patches that both see.
+    Color(color::Args),
 }
 
 fn main() -> ExitCode {
@@ -60,6 +62,7 @@ fn main() -> ExitCode {
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),
+        Command::Color(args) => color::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -2,6 +2,7 @@
 
 pub(crate) mod ball;
 pub(crate) mod check;
+pub(crate) mod color;
 pub(crate) mod detect;
 mod explain;
 pub(crate) mod extrinsics;

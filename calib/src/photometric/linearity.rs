@@ -78,11 +78,17 @@ pub fn measure(
         corrections = cholesky.solve(&right);
         covariance = cholesky.inverse();
     }
+    let misfit = misfit(&pairs, |pair| {
+        let [a, b] = pair.pictures.map(|picture| setting_of[picture]);
+        pair.error.ln_1p() - (corrections[a] - corrections[b])
+    });
     (0..nominal_s.len())
         .map(|setting| TrueExposure {
             nominal_s: nominal_s[setting],
             true_s: nominal_s[setting] * corrections[setting].exp(),
-            sigma: seen.contains(&setting).then(|| covariance[(setting, setting)].sqrt()),
+            sigma: seen
+                .contains(&setting)
+                .then(|| misfit * covariance[(setting, setting)].sqrt()),
         })
         .collect()
 }
@@ -91,6 +97,14 @@ pub fn measure(
 fn weight(pair: &PairError, residual: f64) -> f64 {
     let sigma = pair.sigma.hypot(MODEL_DEVIATION);
     Loss::Huber.cost_and_weight(residual.abs() / sigma).1 / (3.0 * sigma * sigma)
+}
+
+/// Root mean square of residuals over their standard deviations, at least 1: how much worse than said a response is that does not
+/// suit the pictures.
+fn misfit(pairs: &[PairError], residual: impl Fn(&PairError) -> f64) -> f64 {
+    let square = |pair: &PairError| (residual(pair) / pair.sigma.hypot(MODEL_DEVIATION)).powi(2);
+    let mean = pairs.iter().map(square).sum::<f64>() / pairs.len().max(1) as f64;
+    mean.sqrt().max(1.0)
 }
 
 /// What holds beforehand: corrections are small, zero on the whole and, with a fitted response, do not grow with exposure.

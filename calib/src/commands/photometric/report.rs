@@ -129,11 +129,9 @@ pub(super) fn write_summary(out: &mut impl Write, series: &Series, measured: &Me
     if let Some(errors) = &measured.errors {
         writeln!(
             out,
-            "exposure-ratio error: median {:.2} %, worst {:.1} % (`{}` to `{}`)",
+            "exposure-ratio error: median {:.2} %, worst {:.1} %",
             100.0 * errors.pair_median,
             100.0 * errors.worst.error.abs(),
-            series.settings.len().min(errors.worst.pictures[0]),
-            errors.worst.pictures[1],
         )?;
     }
     if let Some(errors) = measured

@@ -66,9 +66,9 @@
 pub mod ball_fit;
 pub mod board;
 pub mod camera;
-pub mod intrinsics;
-pub mod extrinsics;
 pub mod color;
+pub mod extrinsics;
+pub mod intrinsics;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;

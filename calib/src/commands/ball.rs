@@ -18,7 +18,7 @@ use mirrorball_calib::{
     resection::{self, NoPose},
     response::ResponseCurve,
     rig::{Ball, Camera, PartialCamera, Rig, RigError, RigParts, Role},
-    tag::{Family, Finder, PictureError},
+    tag::{Finder, PictureError},
 };
 use mirrorball_capture::{Exposure, Frame, FrameMeta, PixelFormat, Size};
 use serde::Serialize;

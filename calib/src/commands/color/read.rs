@@ -16,7 +16,7 @@ use mirrorball_calib::{
 use super::{Args, ColorError};
 use crate::commands::{
     CommandError, families,
-    input::{InputArgs, Picture},
+    input::{Picture, Pictures},
 };
 
 /// What both cameras see.
@@ -59,11 +59,7 @@ pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera
     });
     let mut left_out = BTreeSet::new();
     let mut finder = Finder::new(&families(rig));
-    let input = InputArgs {
-        images: None,
-        recording: Some(args.recording.clone()),
-    };
-    for picture in input.open()? {
+    for picture in Pictures::of_recording(&args.recording)? {
         let picture = picture?;
         let Some(index) = cameras
             .iter()

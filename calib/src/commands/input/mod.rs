@@ -173,18 +173,11 @@ impl InputArgs {
         if let Some(address) = &self.live.device {
             return self.live.pictures(address);
         }
-        let origin = match (&self.images, &self.recording) {
-            (Some(folder), _) => Origin::Files(files(folder)?.into_iter()),
-            (None, Some(path)) => Origin::Recording {
-                path: path.clone(),
-                source: open_recording(path, Pace::Max, Repeat::ONCE).map_err(|source| InputError::Recording {
-                    path: path.clone(),
-                    source: Box::new(source),
-                })?,
-            },
+        match (&self.images, &self.recording) {
+            (Some(folder), _) => Pictures::of_folder(folder),
+            (None, Some(path)) => Pictures::of_recording(path),
             (None, None) => unreachable!("clap demands one of them"),
-        };
-        Ok(Pictures { origin, keep: None })
+        }
     }
 }
 
@@ -205,6 +198,29 @@ impl LiveArgs {
 }
 
 impl Pictures {
+    /// The pictures in a folder, by name.
+    pub(crate) fn of_folder(folder: &Path) -> Result<Self, InputError> {
+        Ok(Self {
+            origin: Origin::Files(files(folder)?.into_iter()),
+            keep: None,
+        })
+    }
+
+    /// The frames of a recording, in the order of time.
+    pub(crate) fn of_recording(path: &Path) -> Result<Self, InputError> {
+        let source = open_recording(path, Pace::Max, Repeat::ONCE).map_err(|source| InputError::Recording {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        Ok(Self {
+            origin: Origin::Recording {
+                path: path.to_owned(),
+                source,
+            },
+            keep: None,
+        })
+    }
+
     /// How many pictures there will be, where that is known: for a progress bar.
     pub(crate) fn expected(&self) -> Option<usize> {
         match &self.origin {
@@ -258,7 +274,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
         source,
     };
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
+    for entry in fs::read_dir(folder).map_err(failed)? {
         let file = entry.map_err(failed)?.path();
         let extension = file.extension().and_then(|extension| extension.to_str());
         if extension.is_some_and(|e| ["png", "jpg", "jpeg"].contains(&e.to_ascii_lowercase().as_str())) {

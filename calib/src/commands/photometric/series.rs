@@ -13,7 +13,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 use super::{Args, PhotometricError};
 use crate::commands::{
     CommandError,
-    input::{InputArgs, Picture},
+    input::{Picture, Pictures},
 };
 
 /// Share of a picture that may be at one end of the scale.
@@ -245,12 +245,8 @@ fn from_exif(picture: &str, folder: Option<&Path>) -> Result<Setting, Photometri
 
 /// The pictures of a folder, of one size.
 pub(super) fn read_folder(folder: &Path, size_px: [u32; 2]) -> Result<Vec<(String, Vec<u8>)>, CommandError> {
-    let input = InputArgs {
-        images: Some(folder.to_owned()),
-        recording: None,
-    };
     let mut pictures = Vec::new();
-    for picture in input.open()? {
+    for picture in Pictures::of_folder(folder)? {
         let picture = picture?;
         let found = [picture.rgb.width(), picture.rgb.height()];
         if found != size_px {

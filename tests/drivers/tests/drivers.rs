@@ -24,7 +24,14 @@ const TIMEOUT_S: &str = "300";
 fn drivers_and_cameras() {
     run(
         "cameras",
-        &["streaming", "steering", "webcam_faults", "vivid", "v4l2_webcam"],
+        &[
+            "streaming",
+            "steering",
+            "webcam_faults",
+            "vivid",
+            "v4l2_webcam",
+            "calib",
+        ],
     );
 }
 

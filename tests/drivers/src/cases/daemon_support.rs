@@ -22,7 +22,7 @@ use super::support::{ensure, say};
 /// How long a set, a process or a file may take on a busy machine before something is wrong.
 pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The capture program as a process of its own. Dropping it kills it.
+/// One of our programs as a process of its own. Dropping it kills it.
 pub(super) struct Program {
     child: Child,
     log: PathBuf,
@@ -31,10 +31,18 @@ pub(super) struct Program {
 impl Program {
     /// Starts `mirrorball-capture`, which lies beside this program; its output goes to `/tmp/NAME.log`.
     pub(super) fn start(name: &str, arguments: &[&str]) -> Result<Self, String> {
+        Self::start_program(&capture_program()?, name, arguments)
+    }
+
+    /// Starts `mirrorball-calib` in the same way.
+    pub(super) fn start_calib(name: &str, arguments: &[&str]) -> Result<Self, String> {
+        Self::start_program(&program_beside("mirrorball-calib")?, name, arguments)
+    }
+
+    fn start_program(program: &Path, name: &str, arguments: &[&str]) -> Result<Self, String> {
         let log = Path::new("/tmp").join(name).with_extension("log");
         let output = File::create(&log).map_err(say)?;
-        let program = capture_program()?;
-        let child = Command::new(&program)
+        let child = Command::new(program)
             .args(arguments)
             .env("RUST_LOG", "debug")
             .stdout(output.try_clone().map_err(say)?)
@@ -53,6 +61,13 @@ impl Program {
     pub(super) fn terminate(&mut self) -> Result<ExitStatus, String> {
         let pid = Pid::from_child(&self.child);
         kill_process(pid, Signal::TERM).map_err(say)?;
+        self.wait()
+    }
+
+    /// Does what Ctrl-C does, and waits.
+    pub(super) fn interrupt(&mut self) -> Result<ExitStatus, String> {
+        let pid = Pid::from_child(&self.child);
+        kill_process(pid, Signal::INT).map_err(say)?;
         self.wait()
     }
 
@@ -94,10 +109,15 @@ pub(super) fn output_of(arguments: &[&str]) -> Result<String, String> {
 }
 
 fn capture_program() -> Result<PathBuf, String> {
-    let program = env::current_exe().map_err(say)?.with_file_name("mirrorball-capture");
+    program_beside("mirrorball-capture")
+}
+
+/// One of our programs, which lie beside this one.
+fn program_beside(name: &str) -> Result<PathBuf, String> {
+    let program = env::current_exe().map_err(say)?.with_file_name(name);
     ensure(program.exists(), || {
         format!(
-            "there is no {}; build it: cargo build --release -p mirrorball-capture",
+            "there is no {}; build it: cargo build --release -p {name}",
             program.display()
         )
     })?;

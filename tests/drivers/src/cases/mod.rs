@@ -1,5 +1,6 @@
 //! The test cases, in the order they run.
 
+mod calib_live;
 mod daemon_faults;
 mod daemon_processes;
 mod daemon_rig;
@@ -35,6 +36,7 @@ pub(crate) fn all() -> Vec<Case> {
             a_fatal_error_ends_with_the_stream, sequence_numbers_wrap, a_disconnected_device_keeps_its_node;
         v4l2_webcam: formats, controls, stalled_controls, automatics, dropped_errors, delivered_errors, transfer_error, hang, cut_jpeg, unplug, addresses;
         v4l2_vivid: formats, refusals, overrun, controls, control_list, dropped, flag_error, fatal, refused_calls, wrap_sequence, starts_and_stops, disconnect, ten_thousand_frames;
+        calib_live: pictures_come, interrupt_ends_the_collection, unplugged_is_an_error;
         daemon_webcams: two_webcams_are_kept_in_step, a_recording_is_the_scene;
         daemon_faults: unplug_and_replug_while_streaming, error_frames_short_frames_urb_errors_hang, stalled_controls,
             auto_modes_switched_on_behind_our_back, truncated_mjpeg, one_camera_slower_than_the_other;

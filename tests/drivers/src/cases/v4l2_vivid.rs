@@ -16,7 +16,7 @@ use super::v4l2_support::{
 
 /// `V4L2_CID_AUTOGAIN`.
 const AUTOGAIN: u32 = 0x0098_0912;
-const SIZE: (u32, u32) = (320, 180);
+pub(super) const SIZE: (u32, u32) = (320, 180);
 const METHODS: [Method; 2] = [Method::Mmap, Method::UserPtr];
 
 fn node() -> Result<PathBuf, String> {
@@ -30,7 +30,7 @@ fn start(method: Method) -> Result<Running, String> {
     Running::start(&node()?, &wish(SIZE, 60.0, &[FormatKind::Yuyv]), method)
 }
 
-fn set(fault: VividFault, value: i32) -> Result<(), String> {
+pub(super) fn set(fault: VividFault, value: i32) -> Result<(), String> {
     let camera = RawCamera::open(&node()?).map_err(say)?;
     vivid::set(&camera, fault, value).map_err(say)
 }

@@ -15,6 +15,7 @@ use mirrorball_calib::{
     rig::{Camera, Role},
     tag::{Detection, Family, Finder},
 };
+use mirrorball_capture::v4l2::CameraAddress;
 use serde::Serialize;
 
 use super::{CommandError, families, input::LiveArgs, no_camera, read_rig};
@@ -24,6 +25,9 @@ pub(crate) struct Args {
     /// Pictures (PNG or JPEG).
     #[arg(value_name = "IMAGE", required_unless_present = "device", conflicts_with = "device")]
     images: Vec<PathBuf>,
+    /// Camera instead: its device node, or its name as `mirrorball-capture devices` lists it.
+    #[arg(long, value_name = "ADDRESS", requires = "size")]
+    device: Option<CameraAddress>,
     #[command(flatten)]
     live: LiveArgs,
     /// Print one JSON object per picture.
@@ -62,7 +66,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         let found = search(file, &picture.into_rgb8(), &taker, &mut finder)?;
         print(args, file, &found, out)?;
     }
-    if let Some(address) = &args.live.device {
+    if let Some(address) = &args.device {
         let mut pictures = args.live.pictures(address)?;
         while let Some(picture) = pictures.next() {
             let picture = picture?;

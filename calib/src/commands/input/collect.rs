@@ -73,7 +73,6 @@ mod tests {
                 .unwrap();
         }
         let live = LiveArgs {
-            device: None,
             size: None,
             rate: 30.0,
             frames: None,
@@ -83,6 +82,7 @@ mod tests {
         let input = InputArgs {
             images: Some(folder.path().to_owned()),
             recording: None,
+            device: None,
             live,
         };
         (folder, input)

@@ -33,14 +33,10 @@ const EXTRA_BUFFERS: usize = 2;
 /// Restarts of a stream that has failed, one after the other.
 const MAX_RESTARTS: u32 = 3;
 
-/// A camera, and how long to look.
+/// How a camera (`--device`) is to be looked at, and how long.
 #[derive(Debug, Clone, clap::Args)]
 #[group(skip)]
 pub(crate) struct LiveArgs {
-    /// Camera: its device node, or its name as `mirrorball-capture devices` lists it. Ctrl-C ends the collection and goes on
-    /// with what was gathered.
-    #[arg(long, value_name = "ADDRESS", group = "input", requires = "size")]
-    pub(crate) device: Option<CameraAddress>,
     /// Size of the camera's pictures: the one that it will be used with.
     #[arg(long, value_name = "WIDTHxHEIGHT", requires = "device", value_parser = size)]
     pub(crate) size: Option<Size>,

@@ -25,16 +25,21 @@ pub(crate) use live::LiveArgs;
 /// How long to wait for a frame before asking again; a recording played as fast as possible never takes that long.
 const TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Where the pictures are.
+/// Where the pictures are: exactly one of folder, recording and camera. They name their group themselves, as `clap` puts no
+/// field into the group of a struct that has others flattened into it.
 #[derive(Debug, Clone, clap::Args)]
 #[group(id = "input", required = true, multiple = false)]
 pub(crate) struct InputArgs {
     /// Folder of pictures (PNG or JPEG), taken in the order of their names.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", group = "input")]
     pub(crate) images: Option<PathBuf>,
     /// Recording: a folder with `frames.csv`, or an MCAP file.
-    #[arg(long, value_name = "PATH")]
+    #[arg(long, value_name = "PATH", group = "input")]
     pub(crate) recording: Option<PathBuf>,
+    /// Camera: its device node, or its name as `mirrorball-capture devices` lists it. Ctrl-C ends the collection and goes on
+    /// with what was gathered.
+    #[arg(long, value_name = "ADDRESS", group = "input", requires = "size")]
+    pub(crate) device: Option<CameraAddress>,
     #[command(flatten)]
     pub(crate) live: LiveArgs,
 }
@@ -170,7 +175,7 @@ enum Origin {
 impl InputArgs {
     /// Opens the input.
     pub(crate) fn open(&self) -> Result<Pictures, InputError> {
-        if let Some(address) = &self.live.device {
+        if let Some(address) = &self.device {
             return self.live.pictures(address);
         }
         match (&self.images, &self.recording) {

@@ -65,6 +65,7 @@
 
 pub mod board;
 pub mod camera;
+pub mod interchange;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;

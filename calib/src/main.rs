@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, merge, probe};
+use commands::{CommandError, check, convert, detect, merge, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -27,6 +27,8 @@ enum Command {
     Detect(detect::Args),
     /// Locates the camera in every frame of a recording and prints how well that went.
     Check(check::Args),
+    /// Converts cameras between rig files and those of OpenCV, ROS and Kalibr.
+    Convert(convert::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Detect(args) => detect::run(&args, &mut out),
         Command::Check(args) => check::run(&args, &mut out),
+        Command::Convert(args) => convert::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
     };

@@ -1,6 +1,7 @@
 //! The program's commands, and what can go wrong in them.
 
 pub(crate) mod check;
+pub(crate) mod convert;
 pub(crate) mod detect;
 mod explain;
 mod input;

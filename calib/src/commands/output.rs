@@ -118,6 +118,11 @@ impl OutputArgs {
     }
 }
 
+/// Writes a file: whole or not at all.
+pub(crate) fn write_file(file: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    replace(file, bytes).map_err(|source| write_error(file, source))
+}
+
 /// Puts a file in the place of another in one step, so that a reader sees the old one or the new one, never a part.
 fn replace(file: &Path, bytes: &[u8]) -> io::Result<()> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());

@@ -69,6 +69,7 @@ pub mod camera;
 pub mod color;
 pub mod extrinsics;
 pub mod intrinsics;
+pub mod interchange;
 pub mod least_squares;
 pub mod lights;
 pub mod merge;

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, color, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
+use commands::{CommandError, ball, check, color, convert, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -35,6 +35,8 @@ enum Command {
     Extrinsics(extrinsics::Args),
     /// Finds the mirror ball: centre, radius, reflectance.
     Ball(ball::Args),
+    /// Converts cameras between rig files and those of OpenCV, ROS and Kalibr.
+    Convert(convert::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -59,6 +61,7 @@ fn main() -> ExitCode {
         Command::Markers(args) => markers::run(&args, &mut out),
         Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
         Command::Ball(args) => ball::run(&args, &mut out),
+        Command::Convert(args) => convert::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),

@@ -1,7 +1,6 @@
 //! The render node: everything that lasts from frame to frame.
 
-use glam::{DVec2, DVec3, Vec3};
-use mirrorball_calib::camera::Intrinsics;
+use glam::Vec3;
 use mirrorball_calib::rig::check::RigCheck;
 use mirrorball_calib::rig::{Camera, Rig, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
@@ -362,32 +361,14 @@ fn check_limits(gpu: &Gpu, rig: &Rig) -> Result<(), RenderError> {
         )?;
     }
     let camera = rig.scene_camera();
-    match widest_rad(&camera.intrinsics) {
-        Some(angle) if angle > WIDEST_RAD => Err(RenderError::LensTooWide {
+    let angle = camera.intrinsics.largest_angle_rad();
+    if camera.intrinsics.lens.model().is_fisheye() && angle > WIDEST_RAD {
+        return Err(RenderError::LensTooWide {
             camera: camera.name.clone(),
             angle_deg: angle.to_degrees(),
-        }),
-        Some(_) | None => Ok(()),
+        });
     }
-}
-
-/// Largest angle to the optical axis that a fisheye shows in its picture, in radians; `None` for a perspective lens.
-///
-/// The picture widens with the distance from the principal point, so that one of its corners is the widest.
-fn widest_rad(intrinsics: &Intrinsics) -> Option<f64> {
-    let limit = intrinsics.lens.max_angle_rad()?;
-    let [width, height] = intrinsics.size_px.map(f64::from);
-    let corners = [
-        (-0.5, -0.5),
-        (width - 0.5, -0.5),
-        (-0.5, height - 0.5),
-        (width - 0.5, height - 0.5),
-    ];
-    let angles = corners.map(|(x, y)| {
-        let ray = intrinsics.unproject(DVec2::new(x, y));
-        ray.map_or(limit, |ray| ray.angle_between(DVec3::Z))
-    });
-    Some(angles.into_iter().fold(0.0, f64::max))
+    Ok(())
 }
 
 pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderError> {

@@ -200,6 +200,22 @@ impl Intrinsics {
         }
     }
 
+    /// Largest angle to the optical axis, in radians, that the picture shows.
+    ///
+    /// The angle grows with the distance from the principal point, so that a corner is the widest; where a corner shows
+    /// nothing the end of the lens' image is.
+    #[must_use]
+    pub fn largest_angle_rad(&self) -> f64 {
+        let end = self.lens.max_angle_rad().unwrap_or(self.max_radius().atan());
+        let [width, height] = self.size_px.map(f64::from);
+        let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+        let angle = |(x, y): (f64, f64)| {
+            let ray = self.unproject(DVec2::new(x - 0.5, y - 0.5));
+            ray.map_or(end, |ray| ray.angle_between(DVec3::Z))
+        };
+        corners.map(angle).into_iter().fold(0.0, f64::max)
+    }
+
     /// Whether the pixel lies in the picture, whose area is `[-0.5, width - 0.5] × [-0.5, height - 0.5]`.
     #[must_use]
     pub fn contains(&self, pixel: DVec2) -> bool {

@@ -462,6 +462,28 @@ fn lenses_of_spheres_contain_each_other() {
 }
 
 #[test]
+fn a_picture_shows_as_much_as_its_corners_or_its_rim() {
+    let k = [-0.0121, 0.0058, -0.0021, 0.00021];
+    let cropped = with_lens(LensModel::KannalaBrandt { k, max_angle_rad: 1.6 });
+    let corner = cropped.unproject(DVec2::new(-0.5, 479.5)).expect("the farthest corner");
+    assert_eq!(cropped.largest_angle_rad(), corner.angle_between(DVec3::Z));
+    let round = Intrinsics {
+        focal_px: DVec2::splat(150.0),
+        ..cropped
+    };
+    assert_eq!(round.largest_angle_rad(), 1.6);
+    let pinhole = with_lens(LensModel::BrownConrady {
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        k3: 0.0,
+    });
+    let corner = DVec2::new(321.4 / 605.5, 241.1 / 604.0);
+    assert!((pinhole.largest_angle_rad() - corner.length().atan()).abs() < 1e-12);
+}
+
+#[test]
 fn coefficients_that_describe_no_lens_are_not_usable() {
     for lens in [
         LensModel::Eucm {

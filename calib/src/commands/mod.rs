@@ -3,6 +3,7 @@
 pub(crate) mod ball;
 pub(crate) mod check;
 pub(crate) mod color;
+pub(crate) mod convert;
 pub(crate) mod detect;
 mod explain;
 pub(crate) mod extrinsics;

@@ -160,6 +160,11 @@ impl OutputArgs {
     }
 }
 
+/// Writes a file: whole or not at all.
+pub(crate) fn write_file(file: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    replace(file, bytes).map_err(|source| write_error(file, source))
+}
+
 /// What a path leads to.
 enum Place {
     /// A file that is there or will be; where the path is a link, the file behind it.

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, check, detect, extrinsics, markers, merge, probe};
+use commands::{CommandError, check, detect, display, extrinsics, hand_eye, markers, merge, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -31,6 +31,10 @@ enum Command {
     Markers(markers::Args),
     /// Finds where fixed cameras stand, or where one camera is beside another, from markers.
     Extrinsics(extrinsics::Args),
+    /// Finds where a camera is on a headset that another system tracks.
+    HandEye(hand_eye::Args),
+    /// Finds eye and display of a see-through headset: shows crosses, and solves for what was aligned with them.
+    Display(display::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -49,6 +53,8 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(&args, &mut out),
         Command::Markers(args) => markers::run(&args, &mut out),
         Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
+        Command::HandEye(args) => hand_eye::run(&args, &mut out),
+        Command::Display(args) => display::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
     };

@@ -1,9 +1,12 @@
 //! The program's commands, and what can go wrong in them.
 
 pub(crate) mod check;
+mod csv;
 pub(crate) mod detect;
+pub(crate) mod display;
 mod explain;
 pub(crate) mod extrinsics;
+pub(crate) mod hand_eye;
 mod input;
 pub(crate) mod markers;
 pub(crate) mod merge;

@@ -49,8 +49,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", requires = "size_px", conflicts_with = "alignments")]
     prompts: Option<PathBuf>,
     /// Columns and rows of the display.
-    #[arg(long, value_name = "W,H", value_delimiter = ',', num_args = 2, value_parser = clap::value_parser!(u32).range(100..=16384))]
-    size_px: Option<Vec<u32>>,
+    #[arg(long, value_name = "W,H", value_parser = size)]
+    size_px: Option<[u32; 2]>,
     /// Number of prompts.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(8..=500))]
     points: u32,
@@ -76,6 +76,17 @@ pub(crate) struct Args {
     /// File for a page with plots.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let number = |text: &str| text.parse().ok().filter(|n| (100..=16384).contains(n));
+    let numbers = text
+        .split_once(',')
+        .map(|(width, height)| (number(width), number(height)));
+    let Some((Some(width), Some(height))) = numbers else {
+        return Err("columns and rows of 100 to 16384, as in `1280,720`".to_owned());
+    };
+    Ok([width, height])
 }
 
 /// Why there is no eye.
@@ -131,9 +142,9 @@ impl Explain for DisplayFailure {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
-    if let (Some(folder), Some(size)) = (&args.prompts, &args.size_px) {
-        let prompts = prompts([size[0], size[1]], args.points);
-        write_prompts(folder, [size[0], size[1]], &prompts)?;
+    if let (Some(folder), Some(size_px)) = (&args.prompts, args.size_px) {
+        let prompts = prompts(size_px, args.points);
+        write_prompts(folder, size_px, &prompts)?;
         return writeln!(
             out,
             "{} prompts in `{}`: show each at full size, bring the point behind the cross at about the distance it asks for, \

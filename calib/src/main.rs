@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, color, convert, detect, extrinsics, intrinsics, markers, merge, photometric, probe};
+use commands::{CommandError, ball, check, color, convert, detect, display, extrinsics, hand_eye, intrinsics, markers, merge, photometric, probe};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -37,6 +37,10 @@ enum Command {
     Ball(ball::Args),
     /// Converts cameras between rig files and those of OpenCV, ROS and Kalibr.
     Convert(convert::Args),
+    /// Finds where a camera is on a headset that another system tracks.
+    HandEye(hand_eye::Args),
+    /// Finds eye and display of a see-through headset: shows crosses, and solves for what was aligned with them.
+    Display(display::Args),
     /// Merges exposures of one view into a picture of radiance and finds the camera's response.
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
@@ -62,6 +66,8 @@ fn main() -> ExitCode {
         Command::Extrinsics(args) => extrinsics::run(&args, &mut out),
         Command::Ball(args) => ball::run(&args, &mut out),
         Command::Convert(args) => convert::run(&args, &mut out),
+        Command::HandEye(args) => hand_eye::run(&args, &mut out),
+        Command::Display(args) => display::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),

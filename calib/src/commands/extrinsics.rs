@@ -36,8 +36,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME", conflicts_with = "pair")]
     camera: Vec<String>,
     /// Two cameras whose relative pose is wanted: pictures taken at the same time show markers to both.
-    #[arg(long, value_name = "FIRST,SECOND", value_delimiter = ',', num_args = 2)]
-    pair: Option<Vec<String>>,
+    #[arg(long, value_name = "FIRST,SECOND", value_parser = two_names)]
+    pair: Option<[String; 2]>,
     /// Rig file with the places of a target's markers to each other, in place of the rig's markers; with `--pair`.
     #[arg(long, value_name = "FILE", requires = "pair")]
     target: Option<PathBuf>,
@@ -46,6 +46,13 @@ pub(crate) struct Args {
     max_skew_ms: f64,
     #[command(flatten)]
     output: OutputArgs,
+}
+
+fn two_names(text: &str) -> Result<[String; 2], String> {
+    let names = text
+        .split_once(',')
+        .ok_or_else(|| "two names, as in `left,right`".to_owned())?;
+    Ok([names.0.to_owned(), names.1.to_owned()])
 }
 
 /// Why there is no pose.

@@ -4,19 +4,19 @@ use image::{Rgb, RgbImage};
 use spleen_font::{FONT_12X24, PSF2Font};
 
 /// Height of a line of text, pixels.
-pub(super) const LINE_PX: u32 = 24;
+pub(crate) const LINE_PX: u32 = 24;
 /// Width of a letter, pixels.
-pub(super) const LETTER_PX: u32 = 12;
+pub(crate) const LETTER_PX: u32 = 12;
 
 /// Colours are sRGB.
-pub(super) type Ink = Rgb<u8>;
+pub(crate) type Ink = Rgb<u8>;
 
-pub(super) const WHITE: Ink = Rgb([255, 255, 255]);
-pub(super) const BLACK: Ink = Rgb([0, 0, 0]);
+pub(crate) const WHITE: Ink = Rgb([255, 255, 255]);
+pub(crate) const BLACK: Ink = Rgb([0, 0, 0]);
 
 /// Draws one line of text with its upper left corner at a pixel, on a dark ground; what does not fit is cut off, letters that
 /// the font lacks are left out.
-pub(super) fn text(picture: &mut RgbImage, text: &str, (left_px, top_px): (i64, i64), ink: Ink) {
+pub(crate) fn text(picture: &mut RgbImage, text: &str, (left_px, top_px): (i64, i64), ink: Ink) {
     let Ok(mut font) = PSF2Font::new(FONT_12X24) else {
         unreachable!("the font is part of its crate, which checks it");
     };
@@ -34,7 +34,7 @@ pub(super) fn text(picture: &mut RgbImage, text: &str, (left_px, top_px): (i64, 
 }
 
 /// Sets a pixel, if there is one.
-pub(super) fn put(picture: &mut RgbImage, (x, y): (i64, i64), ink: Ink) {
+pub(crate) fn put(picture: &mut RgbImage, (x, y): (i64, i64), ink: Ink) {
     if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
         && let Some(pixel) = picture.get_pixel_mut_checked(x, y)
     {
@@ -43,7 +43,7 @@ pub(super) fn put(picture: &mut RgbImage, (x, y): (i64, i64), ink: Ink) {
 }
 
 /// Fills a rectangle.
-pub(super) fn fill(picture: &mut RgbImage, (left, top): (i64, i64), [width, height]: [u32; 2], ink: Ink) {
+pub(crate) fn fill(picture: &mut RgbImage, (left, top): (i64, i64), [width, height]: [u32; 2], ink: Ink) {
     for y in 0..i64::from(height) {
         for x in 0..i64::from(width) {
             put(picture, (left + x, top + y), ink);

@@ -1,6 +1,6 @@
 //! `probe`: what a picture of the light probe shows of the light.
 
-mod canvas;
+pub(crate) mod canvas;
 mod chart;
 mod error;
 mod files;

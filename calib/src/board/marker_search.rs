@@ -15,6 +15,9 @@ const BRIGHT_SHIFT: u32 = 4;
 /// Neighbouring markers that are no accident.
 const MIN_GROUP: usize = 2;
 
+/// Wrong bits per marker, the mean, above which the border is suspected to be another one.
+const MAX_MEAN_HAMMING: f64 = 0.5;
+
 /// Markers from which on their arrangement is judged.
 const MIN_TO_JUDGE: usize = 5;
 
@@ -64,7 +67,10 @@ impl MarkerSearch {
         }
         let found = self.group(&self.board, &detections);
         if found.len() < MIN_GROUP {
-            self.look_for_another(size)?;
+            self.look_for_mirrored(size)?;
+        }
+        if found.len() < MIN_GROUP || mean_hamming(&detections) > MAX_MEAN_HAMMING {
+            self.look_for_other_border(size, found.len())?;
         }
         self.judge_arrangement(&detections, found.len())?;
         Ok(found)
@@ -74,8 +80,8 @@ impl MarkerSearch {
         consistent(&board.place(detections), self.board.pitch_m())
     }
 
-    /// Whether the board is there mirrored, or with another border.
-    fn look_for_another(&mut self, size: [usize; 2]) -> Result<(), Reason> {
+    /// Whether the board is there mirrored.
+    fn look_for_mirrored(&mut self, size: [usize; 2]) -> Result<(), Reason> {
         let mirrored: Vec<u8> = self
             .bright
             .chunks_exact(size[0].max(1))
@@ -86,6 +92,12 @@ impl MarkerSearch {
         if markers >= MIN_GROUP {
             return Err(Reason::Mirrored { markers });
         }
+        Ok(())
+    }
+
+    /// Whether the board is there with another border, and at least as much of it. Codes are often read all the same, with
+    /// wrong bits.
+    fn look_for_other_border(&mut self, size: [usize; 2], in_group: usize) -> Result<(), Reason> {
         let Board::AprilGrid {
             family,
             border_bits: expected,
@@ -99,7 +111,8 @@ impl MarkerSearch {
             .other_border
             .get_or_insert_with(|| Detector::with_border(&[family], found));
         let detections = detector.detect(view(&self.bright, size));
-        if self.group(&self.board, &detections).len() >= MIN_GROUP {
+        let group = self.group(&self.board, &detections).len();
+        if group >= MIN_GROUP.max(in_group) && mean_hamming(&detections) <= MAX_MEAN_HAMMING {
             return Err(Reason::OtherBorder { found, expected });
         }
         Ok(())
@@ -147,6 +160,11 @@ impl MarkerSearch {
         let count = u32::try_from(self.board.markers_m().len()).expect("boards have less than 2³² markers");
         (first, first + count.saturating_sub(1))
     }
+}
+
+fn mean_hamming(detections: &[Detection]) -> f64 {
+    let sum: u32 = detections.iter().map(|detection| detection.hamming).sum();
+    f64::from(sum) / detections.len().max(1) as f64
 }
 
 fn columns(board: &Board) -> u32 {
@@ -215,4 +233,24 @@ fn lightest_of_nine(pixels: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
         }
     }
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn white_grows_by_a_pixel() {
+        let mut pixels = vec![0; 7 * 5];
+        pixels[2 * 7 + 3] = 9;
+        let grown = lightest_of_nine(&pixels, [7, 5]);
+        for (i, &value) in grown.iter().enumerate() {
+            let near = (2..=4).contains(&(i % 7)) && (1..=3).contains(&(i / 7));
+            assert_eq!(value, if near { 9 } else { 0 }, "{i}");
+        }
+        for size in [[0, 0], [1, 1], [2, 3], [3, 1]] {
+            let pixels = vec![7; size[0] * size[1]];
+            assert_eq!(lightest_of_nine(&pixels, size), pixels);
+        }
+    }
 }

@@ -163,3 +163,55 @@ fn pixels_per_metre(marker: &PlacedMarker) -> DMat2 {
     let sides = |[a, b, c, d]: [DVec2; 4]| DMat2::from_cols(0.5 * (b - a + c - d), 0.5 * (d - a + c - b));
     sides(marker.corners_px) * sides(marker.corners_m).inverse()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tag::DictionarySize;
+
+    fn board(pattern: CharucoPattern) -> Board {
+        Board::Charuco {
+            family: Family::Aruco4x4(DictionarySize::N50),
+            columns: 5,
+            rows: 4,
+            square_m: 0.04,
+            side_m: 0.03,
+            first_id: 3,
+            pattern,
+        }
+    }
+
+    /// OpenCV 5.0: `CharucoBoard((5, 4), 0.04, 0.03, dictionary)`, with and without `setLegacyPattern`, its y axis turned up.
+    #[test]
+    fn charuco_markers_are_where_opencv_has_them() {
+        let first = |pattern| board(pattern).markers_m()[0][0];
+        assert!(first(CharucoPattern::BlackTopLeft).distance(DVec2::new(0.045, 0.125)) < 1e-12);
+        assert!(first(CharucoPattern::BlackBottomLeft).distance(DVec2::new(0.005, 0.125)) < 1e-12);
+        assert_eq!(board(CharucoPattern::BlackTopLeft).markers_m().len(), 10);
+    }
+
+    /// Markers as a camera straight above sees them, 1000 pixels per metre.
+    fn seen(board: &Board) -> Vec<PlacedMarker> {
+        let markers = board.markers_m().into_iter().zip(0..);
+        markers
+            .map(|(corners_m, number)| PlacedMarker {
+                number,
+                corners_m,
+                corners_px: corners_m.map(|corner| DVec2::new(1000.0 * corner.x, 300.0 - 1000.0 * corner.y)),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn markers_in_the_wrong_place_are_left_out() {
+        let board = board(CharucoPattern::BlackTopLeft);
+        let mut markers = seen(&board);
+        assert_eq!(consistent(&markers, board.pitch_m()), markers);
+        markers[4].corners_px = markers[7].corners_px;
+        markers[5].corners_px.rotate_left(2);
+        let good = consistent(&markers, board.pitch_m());
+        let numbers: Vec<u32> = good.iter().map(|marker| marker.number).collect();
+        assert_eq!(numbers, [0, 1, 2, 3, 6, 7, 8, 9]);
+        assert_eq!(consistent(&[], 1.0), []);
+    }
+}

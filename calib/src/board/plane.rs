@@ -141,3 +141,61 @@ fn quadratic(place: DVec2) -> [f64; 6] {
     let DVec2 { x, y } = place;
     [1.0, x, y, x * x, x * y, y * y]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A homography as a camera makes it.
+    fn exact(place: DVec2) -> DVec2 {
+        let q = DMat3::from_cols(
+            DVec3::new(700.0, 90.0, 0.9),
+            DVec3::new(-60.0, -640.0, 0.5),
+            DVec3::new(310.0, 250.0, 1.0),
+        ) * place.extend(1.0);
+        q.truncate() / q.z
+    }
+
+    fn grid(side: u32) -> Vec<(DVec2, DVec2)> {
+        let places = (0..side * side).map(|i| 0.03 * DVec2::new(f64::from(i % side), f64::from(i / side)));
+        places.map(|place| (place, exact(place))).collect()
+    }
+
+    #[test]
+    fn a_perspective_view_is_met_exactly() {
+        for side in [2, 3, 4] {
+            let plane = LocalPlane::fit(&grid(side)).unwrap();
+            let place = DVec2::new(0.13, -0.02);
+            assert!(plane.pixel(place).unwrap().distance(exact(place)) < 1e-3, "{side}");
+            let axes = plane.axes(place).unwrap();
+            for (axis, unit) in axes.into_iter().zip([DVec2::X, DVec2::Y]) {
+                let numeric = (exact(place + 1e-6 * unit) - exact(place - 1e-6 * unit)) / 2e-6;
+                assert!((axis - numeric).length() < 0.05, "{side}: {axis} {numeric}");
+            }
+        }
+    }
+
+    /// Between bent corners the bend is followed to a fraction of what a homography alone would be off.
+    #[test]
+    fn a_bent_view_is_followed() {
+        let bent = |place: DVec2| exact(place) + DVec2::new(900.0, 400.0) * place.x * place.x * place.y / 0.1;
+        let pairs: Vec<_> = grid(4).into_iter().map(|(place, _)| (place, bent(place))).collect();
+        let place = DVec2::new(0.045, 0.045);
+        let error = LocalPlane::fit(&pairs)
+            .unwrap()
+            .pixel(place)
+            .unwrap()
+            .distance(bent(place));
+        assert!(error < 0.3, "{error}");
+    }
+
+    #[test]
+    fn what_determines_nothing_is_refused() {
+        assert_eq!(LocalPlane::fit(&grid(2)[..3]), None);
+        assert_eq!(LocalPlane::fit(&grid(5)[..5]), None);
+        assert_eq!(LocalPlane::fit(&[(DVec2::ONE, DVec2::ONE); 6]), None);
+        let mut broken = grid(3);
+        broken[2].1 = DVec2::NAN;
+        assert_eq!(LocalPlane::fit(&broken), None);
+    }
+}

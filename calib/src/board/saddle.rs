@@ -51,6 +51,9 @@ const STEPS: usize = 20;
 /// Rms of the pixels that are not explained, relative to the contrast, above which it is no such corner.
 const MAX_MISFIT: f64 = 0.3;
 
+/// Least gap between the darker white and the lighter black quarter, relative to the difference of white and black.
+const MIN_GAP: f64 = 0.4;
+
 /// Least contrast, as a fraction of the signal's range.
 const MIN_CONTRAST: f64 = 0.004;
 
@@ -169,6 +172,32 @@ impl Window {
         })
     }
 
+    /// Whether both white quarters around the middle are clearly brighter than both black ones: not so at the end of an
+    /// edge, or at the corner of a lonely square, which a model bent enough can imitate.
+    fn has_four_quarters(&self, model: &Model) -> bool {
+        let directions = model.angles.map(DVec2::from_angle);
+        let mut sums = [(0.0, 0.0); 4];
+        for &(place, value) in &self.pixels {
+            let distances = directions.map(|direction| direction.perp_dot(place - model.middle));
+            if distances.iter().all(|distance| distance.abs() > 0.5 * model.blur()) {
+                let quarter = usize::from(distances[0] > 0.0) + 2 * usize::from(distances[1] > 0.0);
+                sums[quarter].0 += value;
+                sums[quarter].1 += 1.0;
+            }
+        }
+        let means = sums.map(|(sum, count)| sum / count);
+        // Quarters 0 and 3 have distances of equal sign, so a positive product.
+        let (same, other) = ([means[0], means[3]], [means[1], means[2]]);
+        let (white, black) = if model.contrast > 0.0 {
+            (same, other)
+        } else {
+            (other, same)
+        };
+        let gap = white[0].min(white[1]) - black[0].max(black[1]);
+        let difference = 0.5 * (white[0] + white[1] - black[0] - black[1]);
+        gap > MIN_GAP * difference
+    }
+
     /// Levenberg-Marquardt.
     fn fit(&self, start: Model) -> Option<Fit> {
         let mut model = start;
@@ -264,6 +293,7 @@ impl Fit {
             || contrast.abs() < MIN_CONTRAST
             || model.blur() > 0.5 * shortest.max(2.0 * SHARP_PX)
             || angle.abs() < 0.1
+            || !window.has_four_quarters(model)
         {
             return None;
         }
@@ -401,4 +431,122 @@ fn erf(x: f64) -> f64 {
     let series =
         t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     (1.0 - series * (-x * x).exp()).copysign(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::ResponseCurve;
+
+    const SIDE: usize = 31;
+
+    fn linear() -> ResponseCurve {
+        let values: Vec<f64> = (0..256).map(|code| f64::from(code) / 255.0).collect();
+        ResponseCurve::from_table(&values).unwrap()
+    }
+
+    /// A picture of numbers from 0 to 1.
+    fn picture(light: impl Fn(DVec2) -> f64) -> LinearLuma {
+        let places = (0..SIDE * SIDE).map(|i| DVec2::new((i % SIDE) as f64, (i / SIDE) as f64));
+        let rgb: Vec<u8> = places
+            .flat_map(|place| [(255.0 * light(place)).round() as u8; 3])
+            .collect();
+        let mut luma = LinearLuma::new();
+        luma.set(&rgb, [SIDE, SIDE], &linear()).unwrap();
+        luma
+    }
+
+    fn model() -> Model {
+        Model {
+            middle: DVec2::new(15.37, 14.81),
+            angles: [0.3, -1.0],
+            curvatures: [0.01, -0.006],
+            log_blur: 0.8f64.ln(),
+            grey: 0.45,
+            contrast: 0.3,
+            shading: DVec2::new(0.004, -0.006),
+            plateau: 0.0,
+        }
+    }
+
+    fn expected(model: &Model) -> Expected {
+        Expected {
+            pixel: model.middle + DVec2::new(0.9, -0.7),
+            clear: model.angles.map(|angle| 9.0 * DVec2::from_angle(angle + 0.05)),
+            band: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_corner_is_found_where_it_is() {
+        let model = model();
+        let luma = picture(|place| model.value(place).0);
+        let found = find(&luma, &expected(&model)).unwrap();
+        // Rounding to 8 bits leaves this much.
+        assert!(found.pixel.distance(model.middle) < 0.006, "{found:?}");
+        assert!(
+            (found.edge_width_px - 0.8).abs() < 0.02 && (found.contrast - 0.3).abs() < 0.01,
+            "{found:?}"
+        );
+        assert!(found.sigma_px < 0.02, "{found:?}");
+    }
+
+    /// What a response curve that nobody knows does to a corner is the same in opposite directions.
+    #[test]
+    fn an_unknown_response_does_not_move_it() {
+        let model = Model {
+            shading: DVec2::ZERO,
+            ..model()
+        };
+        for power in [0.45, 2.2] {
+            let luma = picture(|place| model.value(place).0.max(0.0).powf(power));
+            let found = find(&luma, &expected(&model)).unwrap();
+            assert!(found.pixel.distance(model.middle) < 0.01, "{power}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_corner_is_none() {
+        let model = model();
+        let expected = expected(&model);
+        let line = |place: DVec2| erf(DVec2::from_angle(0.3).perp_dot(place - model.middle));
+        let square = |place: DVec2| {
+            let other = erf(DVec2::from_angle(-1.0).perp_dot(place - model.middle));
+            0.25 * (1.0 + line(place)) * (1.0 + other)
+        };
+        assert_eq!(find(&picture(|_| 0.5), &expected), None);
+        assert_eq!(find(&picture(|place| 0.5 + 0.3 * line(place)), &expected), None);
+        assert_eq!(find(&picture(square), &expected), None);
+        let beyond = Expected {
+            pixel: DVec2::new(29.0, 15.0),
+            ..expected
+        };
+        assert_eq!(find(&picture(|place| model.value(place).0), &beyond), None);
+        let nowhere = Expected {
+            pixel: DVec2::NAN,
+            ..expected
+        };
+        assert_eq!(find(&picture(|place| model.value(place).0), &nowhere), None);
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let model = Model {
+            plateau: 0.07,
+            ..model()
+        };
+        let place = DVec2::new(16.1, 14.2);
+        let (_, derivatives) = model.value(place);
+        for index in 0..UNKNOWNS {
+            let mut step = SVector::<f64, UNKNOWNS>::zeros();
+            step[index] = 1e-5;
+            let numeric = (model.moved(&step).value(place).0 - model.moved(&-step).value(place).0) / 2e-5;
+            // The error function is good to 1.5e-7 only.
+            assert!(
+                (numeric - derivatives[index]).abs() < 2e-2 * (1.0 + numeric.abs()),
+                "{index}: {numeric} {}",
+                derivatives[index]
+            );
+        }
+    }
 }

@@ -6,13 +6,18 @@ use rayon::prelude::*;
 
 use super::warp::{WARP, WarpedBoard};
 use crate::{
-    camera::{Intrinsics, Jacobians},
+    camera::{Intrinsics, Jacobians, Model},
     least_squares::{
         arrow::{ArrowProblem, ArrowSystem},
         loss::Loss,
     },
     pose::{Pose, Twist},
 };
+
+/// Standard deviation that the rational model's k4, k5 and k6 are expected to have. Numerator and denominator undo each other
+/// almost; without an expectation they run away together, to a pole just outside the corners that were seen. What the corners do
+/// determine they determine a thousand times better.
+const EXPECTED_DENOMINATOR: f64 = 0.5;
 
 /// A corner in a picture, and whether it is believed.
 #[derive(Debug, Clone, Copy)]
@@ -149,12 +154,30 @@ impl Problem<'_> {
         }
     }
 
-    /// Cost of a warp that is not expected.
-    fn warp_cost(&self, warp: &[f64; WARP]) -> f64 {
-        match self.free.warp {
-            WarpFree::Yes => warp.iter().map(|w| 0.5 * (w / self.board.expected_m).powi(2)).sum(),
-            WarpFree::No => 0.0,
+    /// Shared unknowns of which something is expected: unknown, value, and standard deviation about zero.
+    fn expectations(&self, state: &State) -> Vec<(usize, f64, f64)> {
+        let mut expected = Vec::new();
+        if state.intrinsics.lens.model() == Model::Rational {
+            let parameters = state.intrinsics.parameters();
+            for (unknown, group) in self.free.groups.iter().enumerate() {
+                if let [index @ (9 | 10 | 11)] = group[..] {
+                    expected.push((unknown, parameters[index], EXPECTED_DENOMINATOR));
+                }
+            }
         }
+        if self.free.warp == WarpFree::Yes {
+            let warp = state.warp.iter().enumerate();
+            expected.extend(warp.map(|(i, value)| (self.free.groups.len() + i, *value, self.board.expected_m)));
+        }
+        expected
+    }
+
+    /// Cost of what is not as expected.
+    fn unexpected(&self, state: &State) -> f64 {
+        self.expectations(state)
+            .iter()
+            .map(|(_, value, sigma)| 0.5 * (value / sigma).powi(2))
+            .sum()
     }
 }
 
@@ -180,13 +203,10 @@ impl ArrowProblem for Problem<'_> {
             system.shared_gradient += &part.shared_gradient;
             system.blocks.append(&mut part.blocks);
         }
-        if self.free.warp == WarpFree::Yes {
-            let weight = self.board.expected_m.powi(-2);
-            for (i, value) in state.warp.iter().enumerate() {
-                system.add_shared(&[(self.free.groups.len() + i, 1.0)], *value, weight);
-            }
-            system.cost += self.warp_cost(&state.warp);
+        for (unknown, value, sigma) in self.expectations(state) {
+            system.add_shared(&[(unknown, 1.0)], value, sigma.powi(-2));
         }
+        system.cost += self.unexpected(state);
         Some(system)
     }
 
@@ -195,7 +215,7 @@ impl ArrowProblem for Problem<'_> {
             .into_par_iter()
             .map(|index| self.sighting_cost(state, index))
             .collect();
-        Some(costs?.iter().sum::<f64>() + self.warp_cost(&state.warp))
+        Some(costs?.iter().sum::<f64>() + self.unexpected(state))
     }
 
     fn moved(&self, state: &State, shared: &[f64], blocks: &[Vector6<f64>]) -> Option<State> {

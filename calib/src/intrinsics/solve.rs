@@ -111,6 +111,8 @@ impl Solver<'_> {
     /// [`OUTLIER`] times that is out, what came back is in again.
     pub(super) fn finish(&mut self, state: State) -> Result<Minimum<State>, SolveError> {
         let n_parameters = self.model.parameter_names().len();
+        // Of a rational lens the numerator first: with the denominator it would wander off in their common valley.
+        let state = self.stage(state, Free::all(n_parameters.min(9), WarpFree::No));
         let state = self.stage(state, Free::all(n_parameters, WarpFree::No));
         let mut state = self.stage(state, Free::all(n_parameters, WarpFree::Yes));
         for _ in 0..MAX_ROUNDS {

@@ -179,29 +179,32 @@ fn wrong_corners_and_wrong_views_are_named() {
 
 #[test]
 fn the_predicted_uncertainty_is_what_chance_does() {
-    const TRIALS: usize = 30;
-    for (lens, reach) in [
-        (pinhole(), Reach::Infinity),
-        (pinhole(), Reach::Distance(0.7)),
-        (fisheye(), Reach::Infinity),
+    const TRIALS: u64 = 30;
+    for (lens, reaches) in [
+        (pinhole(), vec![Reach::Infinity, Reach::Distance(0.7)]),
+        (fisheye(), vec![Reach::Infinity]),
     ] {
         let scene = Scene::new(lens, 12, 0.8, 4);
-        let (mut squares, mut predicted, mut count) = (0.0, 0.0, 0usize);
+        let mut squares = vec![[0.0, 0.0]; reaches.len()];
         for trial in 0..TRIALS {
-            let mut views = scene.views(SIGMA_PX, 100 + trial as u64);
+            let mut views = scene.views(SIGMA_PX, 100 + trial);
             for view in &mut views {
                 view.corners.retain(|corner| corner.corner % 3 == 0);
             }
             let found = solve(&scene, &views).unwrap();
-            // The same rays for the prediction and for the trial: those of the true lens.
-            let map = UncertaintyMap::new(&scene.lens, &found.covariance, [16, 12], reach).unwrap();
-            let difference = Difference::new(&scene.lens, &found.intrinsics, [16, 12], reach).unwrap();
-            squares += difference.rms_px(7.0).powi(2);
-            predicted += map.rms_px().powi(2);
-            count += 1;
+            for (reach, [happened, predicted]) in reaches.iter().zip(&mut squares) {
+                // The same rays for the prediction and for the trial: those of the true lens.
+                let map = UncertaintyMap::new(&scene.lens, &found.covariance, [16, 12], *reach).unwrap();
+                let difference = Difference::new(&scene.lens, &found.intrinsics, [16, 12], *reach).unwrap();
+                *happened += difference.rms_px(7.0).powi(2);
+                *predicted += map.rms_px().powi(2);
+            }
         }
-        let ratio = (squares / predicted).sqrt();
-        assert!((1.0 / 1.3..1.3).contains(&ratio), "{ratio} over {count} trials");
+        for [happened, predicted] in squares {
+            let ratio = (happened / predicted).sqrt();
+            assert!((1.0 / 1.3..1.3).contains(&ratio), "{ratio}");
+            println!("happened over predicted: {ratio:.3}");
+        }
     }
 }
 
@@ -341,6 +344,6 @@ fn every_model_is_found_from_its_own_pictures() {
         };
         let off = off_px(&scene, &found, reach, 90.0);
         let predicted = found.uncertainty([32, 24], reach).expect("known").rms_px();
-        assert!(predicted < 0.03 && off < 2.0 * predicted, "{model}: {off} {predicted}");
+        assert!(predicted < 0.03 && off < 2.5 * predicted, "{model}: {off} {predicted}");
     }
 }

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, detect, merge, probe};
+use commands::{CommandError, ball, check, detect, merge, probe, timing};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -33,6 +33,8 @@ enum Command {
     Merge(merge::Args),
     /// Measures the light that a picture of the probe shows: map, confidence, lights.
     Probe(probe::Args),
+    /// Compares two cameras' clocks, or measures the latency from an event to its picture on a display.
+    Timing(timing::Args),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Ball(args) => ball::run(&args, &mut out),
         Command::Merge(args) => merge::run(&args, &mut out),
         Command::Probe(args) => probe::run(&args, &mut out),
+        Command::Timing(args) => timing::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -8,6 +8,7 @@ mod input;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod probe;
+pub(crate) mod timing;
 
 use std::{
     fs, io,

@@ -43,7 +43,10 @@ pub(super) fn share_sides(seen: &mut [Seen], about: &MirrorBall) {
         .map(|view| (view.camera_from_world.inverse().translation - about.center_m).normalize_or(DVec3::Z))
         .collect();
     for (view, side) in seen.iter_mut().zip(&sides) {
-        let n_near = sides.iter().filter(|other| other.angle_between(*side) < SAME_SIDE_RAD).count();
+        let n_near = sides
+            .iter()
+            .filter(|other| other.angle_between(*side) < SAME_SIDE_RAD)
+            .count();
         view.whiten /= (n_near as f64).sqrt();
     }
 }

@@ -132,13 +132,17 @@ impl Explain for TimingCommandError {
             Self::Region { .. } => "give left, top, width and height within the picture",
             Self::NoMarker => "move one marker in view of both cameras, or name it with `--marker`",
             Self::Timing(error) => match error {
-                TimingError::NothingBlinks { .. } => "let a light blink in view of all cameras, or name where it is with `--region`",
+                TimingError::NothingBlinks { .. } => {
+                    "let a light blink in view of all cameras, or name where it is with `--region`"
+                }
                 TimingError::Saturated { .. } => "shorten the exposure or dim the light",
                 TimingError::TooFewEdges { .. } => "blink slower than three frames a change, and record longer",
                 TimingError::Ambiguous { .. } => {
                     "blink or move irregularly, or say with `--max-ms` that the offset is less than half of that"
                 }
-                TimingError::NoAgreement { .. } => "both must see the same light or marker; raise `--max-ms` if clocks may differ by more",
+                TimingError::NoAgreement { .. } => {
+                    "both must see the same light or marker; raise `--max-ms` if clocks may differ by more"
+                }
                 TimingError::NothingMoves { .. } => "move the marker to and fro across both pictures, irregularly",
                 TimingError::TooFewPictures { .. } => "record longer, with the marker in view of both cameras",
             },
@@ -180,7 +184,10 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
 
 fn pair(args: &Args) -> Result<[String; 2], TimingCommandError> {
     let n = args.cameras.len();
-    args.cameras.clone().try_into().map_err(|_| TimingCommandError::Cameras { n })
+    args.cameras
+        .clone()
+        .try_into()
+        .map_err(|_| TimingCommandError::Cameras { n })
 }
 
 fn blinking(args: &Args) -> Result<Found, CommandError> {
@@ -286,10 +293,19 @@ impl Found {
                 n_used,
                 ..
             } => {
-                writeln!(out, "`{b}` is {offset_ms:+.3} ms (± {offset_sigma_ms:.3}) on `{a}`, for one event")?;
-                writeln!(out, "drift {drift_ppm:+.1} ppm (± {drift_sigma_ppm:.1}); {n_used} changes or pictures compared")?;
+                writeln!(
+                    out,
+                    "`{b}` is {offset_ms:+.3} ms (± {offset_sigma_ms:.3}) on `{a}`, for one event"
+                )?;
+                writeln!(
+                    out,
+                    "drift {drift_ppm:+.1} ppm (± {drift_sigma_ppm:.1}); {n_used} changes or pictures compared"
+                )?;
                 if offset_sigma_ms > WANTED_MS {
-                    writeln!(out, "warning: record longer, or expose longer, to know the offset to half a millisecond")?;
+                    writeln!(
+                        out,
+                        "warning: record longer, or expose longer, to know the offset to half a millisecond"
+                    )?;
                 }
                 Ok(())
             }

@@ -38,7 +38,8 @@ pub fn clock_offset(a: &[Edge], b: &[Edge], max_offset_s: f64) -> Result<ClockOf
         .iter()
         .filter_map(|edge| {
             let other = partner(edge, b, coarse_s)?;
-            ((other.middle_s() - edge.middle_s() - coarse_s).abs() <= reach_s + 0.01).then_some(Pair { a: edge, b: other })
+            ((other.middle_s() - edge.middle_s() - coarse_s).abs() <= reach_s + 0.01)
+                .then_some(Pair { a: edge, b: other })
         })
         .collect();
     if pairs.len() < MIN_EDGES {
@@ -80,7 +81,9 @@ pub(super) fn coarse(a: &[Edge], b: &[Edge], range_s: [f64; 2]) -> Result<(f64, 
         return Err(TimingError::NoAgreement { share });
     }
     let beside_s = typical_width(a) + typical_width(b) + 0.02;
-    let others = tried.iter().filter(|(offset_s, ..)| (offset_s - best_s).abs() > beside_s);
+    let others = tried
+        .iter()
+        .filter(|(offset_s, ..)| (offset_s - best_s).abs() > beside_s);
     if let Some(&(other_s, other_share, _)) = others.max_by(|x, y| x.2.total_cmp(&y.2))
         && other_share > AS_GOOD * share
     {
@@ -103,7 +106,9 @@ fn typical_width(edges: &[Edge]) -> f64 {
 /// could not see count neither way.
 fn agreement(a: &[Edge], b: &[Edge], offset_s: f64) -> (f64, f64) {
     const SOFT_S: f64 = 4.0 * STEP_S;
-    let (Some(first), Some(last)) = (b.first(), b.last()) else { return (0.0, f64::NEG_INFINITY) };
+    let (Some(first), Some(last)) = (b.first(), b.last()) else {
+        return (0.0, f64::NEG_INFINITY);
+    };
     let (mut n, mut n_fit, mut score) = (0, 0, 0.0);
     for edge in a {
         let expected = edge.middle_s() + offset_s;
@@ -120,7 +125,10 @@ fn agreement(a: &[Edge], b: &[Edge], offset_s: f64) -> (f64, f64) {
     if 3 * n < a.len().min(b.len()) || n < MIN_EDGES {
         return (0.0, f64::NEG_INFINITY);
     }
-    (f64::from(n_fit as u32) / f64::from(n as u32), score / f64::from(n as u32))
+    (
+        f64::from(n_fit as u32) / f64::from(n as u32),
+        score / f64::from(n as u32),
+    )
 }
 
 /// B's edge of the same kind that is nearest to one of A's.
@@ -130,7 +138,11 @@ pub(super) fn partner<'a>(edge: &Edge, b: &'a [Edge], offset_s: f64) -> Option<&
     let near = &b[after.saturating_sub(2)..(after + 2).min(b.len())];
     near.iter()
         .filter(|other| other.is_rising == edge.is_rising)
-        .min_by(|x, y| (x.middle_s() - expected).abs().total_cmp(&(y.middle_s() - expected).abs()))
+        .min_by(|x, y| {
+            (x.middle_s() - expected)
+                .abs()
+                .total_cmp(&(y.middle_s() - expected).abs())
+        })
 }
 
 /// Probability density of a difference of two edges, each evenly distributed over its span and blurred: a trapezium with soft
@@ -153,7 +165,13 @@ fn likelihood(a: &Edge, b: &Edge, offset_s: f64, soft_s: f64) -> f64 {
 /// The normal distribution function, to 1e-7 (Abramowitz and Stegun 1964, 26.2.17).
 fn normal_below(z: f64) -> f64 {
     let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let series = [1.330_274_429, -1.821_255_978, 1.781_477_937, -0.356_563_782, 0.319_381_530];
+    let series = [
+        1.330_274_429,
+        -1.821_255_978,
+        1.781_477_937,
+        -0.356_563_782,
+        0.319_381_530,
+    ];
     let tail = series.iter().fold(0.0, |sum, c| sum * t + c) * t;
     let tail = tail * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
     if z > 0.0 { 1.0 - tail } else { tail }
@@ -189,10 +207,14 @@ impl Posterior<'_> {
             let most = logs.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
             let total: f64 = logs.iter().map(|(_, log)| (log - most).exp()).sum();
             let expect = |of: &dyn Fn(&[f64; 2]) -> f64| {
-                logs.iter().map(|(place, log)| (log - most).exp() * of(place)).sum::<f64>() / total
+                logs.iter()
+                    .map(|(place, log)| (log - most).exp() * of(place))
+                    .sum::<f64>()
+                    / total
             };
             let next: [f64; 2] = std::array::from_fn(|axis| expect(&|place| place[axis]));
-            let spread: [f64; 2] = std::array::from_fn(|axis| expect(&|place| (place[axis] - next[axis]).powi(2)).sqrt());
+            let spread: [f64; 2] =
+                std::array::from_fn(|axis| expect(&|place| (place[axis] - next[axis]).powi(2)).sqrt());
             // Not below the grid's own step, which a narrower peak hides in.
             let steps = sigma.map(|s| 0.6 * 5.0 * s / f64::from(half));
             mean = next;

@@ -71,7 +71,12 @@ pub fn edges(samples: &[Sample], camera: &str) -> Result<Vec<Edge>, TimingError>
             contrast_sigmas: 1.0 / levels.noise,
         });
     }
-    let interval_s = median(samples.windows(2).map(|pair| pair[1].start_s - pair[0].start_s).collect());
+    let interval_s = median(
+        samples
+            .windows(2)
+            .map(|pair| pair[1].start_s - pair[0].start_s)
+            .collect(),
+    );
     let fraction = |sample: &Sample| (sample.value - levels.dark) / (levels.lit - levels.dark);
     let margin = SETTLED.max(SETTLED_SIGMAS * levels.noise).min(0.4);
     let state = |sample: &Sample| match fraction(sample) {
@@ -98,7 +103,12 @@ pub fn edges(samples: &[Sample], camera: &str) -> Result<Vec<Edge>, TimingError>
                     sigma_s: levels.noise * first.exposure_s,
                     is_rising: is_lit,
                 }),
-                2 => Some(caught(&samples[before + 1], fraction(&samples[before + 1]), is_lit, levels.noise)),
+                2 => Some(caught(
+                    &samples[before + 1],
+                    fraction(&samples[before + 1]),
+                    is_lit,
+                    levels.noise,
+                )),
                 _ => None,
             });
         }
@@ -137,7 +147,11 @@ fn levels(samples: &[Sample]) -> Option<Levels> {
         if !(contrast > 0.0 && contrast.is_finite()) {
             return None;
         }
-        let near = |level: f64| values().filter(move |v| (v - level).abs() < 0.2 * contrast).collect::<Vec<f64>>();
+        let near = |level: f64| {
+            values()
+                .filter(move |v| (v - level).abs() < 0.2 * contrast)
+                .collect::<Vec<f64>>()
+        };
         let (low, high) = (near(dark), near(lit));
         if low.len() < 3 || high.len() < 3 {
             return None;
@@ -178,12 +192,18 @@ pub fn blinking_blocks(frames: &[Vec<f32>], clipped: &[f32], camera: &str) -> Re
     let ranges: Vec<f32> = (0..clipped.len()).map(range).collect();
     let is_clipped = |block: &usize| clipped[*block] > MAX_CLIPPED;
     let all = 0..ranges.len();
-    let most = all.clone().filter(|b| !is_clipped(b)).map(|b| ranges[b]).fold(0.0, f32::max);
+    let most = all
+        .clone()
+        .filter(|b| !is_clipped(b))
+        .map(|b| ranges[b])
+        .fold(0.0, f32::max);
     let most_clipped = all.clone().filter(is_clipped).map(|b| ranges[b]).fold(0.0, f32::max);
     let contrast = |most: f32| {
         let block = ranges.iter().position(|range| *range == most).unwrap_or(0);
         // What changes from frame to frame most of the time is noise.
-        let steps = frames.windows(2).map(|pair| f64::from((pair[1][block] - pair[0][block]).abs()));
+        let steps = frames
+            .windows(2)
+            .map(|pair| f64::from((pair[1][block] - pair[0][block]).abs()));
         f64::from(most) / (1.4826 * median(steps.collect()) / std::f64::consts::SQRT_2).max(LEAST_CHANGE)
     };
     let contrast_clipped = contrast(most_clipped);
@@ -197,5 +217,7 @@ pub fn blinking_blocks(frames: &[Vec<f32>], clipped: &[f32], camera: &str) -> Re
             nothing(contrast)
         });
     }
-    Ok(all.filter(|block| !is_clipped(block) && ranges[*block] >= 0.5 * most).collect())
+    Ok(all
+        .filter(|block| !is_clipped(block) && ranges[*block] >= 0.5 * most)
+        .collect())
 }

@@ -52,7 +52,10 @@ pub fn latency(event: &[Edge], display: &[Edge], max_s: f64) -> Result<Latency, 
         mean_s,
         mean_sigma_s: (variance.max(open) / n).sqrt(),
         spread_s: (variance - open).max(0.0).sqrt(),
-        range_s: [bounds.clone().fold(f64::INFINITY, f64::min), bounds.fold(f64::NEG_INFINITY, f64::max)],
+        range_s: [
+            bounds.clone().fold(f64::INFINITY, f64::min),
+            bounds.fold(f64::NEG_INFINITY, f64::max),
+        ],
         each_s,
     })
 }

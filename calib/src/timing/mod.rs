@@ -76,7 +76,9 @@ pub struct ClockOffset {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TimingError {
     /// The light does not change, or hardly.
-    #[error("nothing blinks in the pictures of `{camera}`: light and dark are `{contrast_sigmas:.1}` standard deviations apart (allowed: 8 or more)")]
+    #[error(
+        "nothing blinks in the pictures of `{camera}`: light and dark are `{contrast_sigmas:.1}` standard deviations apart (allowed: 8 or more)"
+    )]
     NothingBlinks {
         /// The camera, or the region.
         camera: String,
@@ -84,7 +86,9 @@ pub enum TimingError {
         contrast_sigmas: f64,
     },
     /// The light is too bright for the exposure.
-    #[error("what blinks in the pictures of `{camera}` is saturated, so that a part of an exposure cannot be told from all of it")]
+    #[error(
+        "what blinks in the pictures of `{camera}` is saturated, so that a part of an exposure cannot be told from all of it"
+    )]
     Saturated {
         /// The camera, or the region.
         camera: String,

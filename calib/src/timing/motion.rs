@@ -20,6 +20,9 @@ const MIN_SPREAD_PX: f64 = 5.0;
 const AS_GOOD: f64 = 3.0;
 /// Share of the motion's variance that must be explained.
 const MIN_EXPLAINED: f64 = 0.9;
+/// Least standard deviation of the offset, seconds: the polynomial is not quite what relates the two pictures. Simulated cameras at
+/// 37° to each other scatter by this much.
+const MODEL_SIGMA_S: f64 = 1e-4;
 /// Iterations of the refinement.
 const ITERATIONS: usize = 20;
 
@@ -84,7 +87,12 @@ pub fn clock_offset(a: &[Sighting], b: &[Sighting], max_offset_s: f64) -> Result
 fn spread_px(path: &[Sighting]) -> f64 {
     let n = path.len() as f64;
     let mean = |axis: usize| path.iter().map(|s| s.place_px[axis]).sum::<f64>() / n;
-    let variance = |axis: usize| path.iter().map(|s| (s.place_px[axis] - mean(axis)).powi(2)).sum::<f64>() / n;
+    let variance = |axis: usize| {
+        path.iter()
+            .map(|s| (s.place_px[axis] - mean(axis)).powi(2))
+            .sum::<f64>()
+            / n
+    };
     (variance(0) + variance(1)).sqrt()
 }
 
@@ -136,14 +144,18 @@ impl<'a> Problem<'a> {
     fn path(&self, time_s: f64) -> Option<[f64; 3]> {
         let after = self.a.partition_point(|s| s.middle_s <= time_s);
         let four = self.a.get(after.checked_sub(2)?..after + 2)?;
-        if four.windows(2).any(|pair| pair[1].middle_s - pair[0].middle_s > self.gap_s) {
+        if four
+            .windows(2)
+            .any(|pair| pair[1].middle_s - pair[0].middle_s > self.gap_s)
+        {
             return None;
         }
         let t: [f64; 4] = std::array::from_fn(|i| four[i].middle_s);
         let width = t[2] - t[1];
         let x = (time_s - t[1]) / width;
         Some(std::array::from_fn(|axis| {
-            let v: [f64; 4] = std::array::from_fn(|i| [four[i].place_px[0], four[i].place_px[1], four[i].side_px][axis]);
+            let v: [f64; 4] =
+                std::array::from_fn(|i| [four[i].place_px[0], four[i].place_px[1], four[i].side_px][axis]);
             // The slope of the parabola through three neighbours.
             let slope = |i: usize| {
                 let (before, behind) = (t[i] - t[i - 1], t[i + 1] - t[i]);
@@ -152,7 +164,10 @@ impl<'a> Problem<'a> {
             };
             let (m1, m2) = (slope(1) * width, slope(2) * width);
             let (x2, x3) = (x * x, x * x * x);
-            (2.0 * x3 - 3.0 * x2 + 1.0) * v[1] + (x3 - 2.0 * x2 + x) * m1 + (3.0 * x2 - 2.0 * x3) * v[2] + (x3 - x2) * m2
+            (2.0 * x3 - 3.0 * x2 + 1.0) * v[1]
+                + (x3 - 2.0 * x2 + x) * m1
+                + (3.0 * x2 - 2.0 * x3) * v[2]
+                + (x3 - x2) * m2
         }))
     }
 
@@ -224,11 +239,13 @@ impl<'a> Problem<'a> {
             if (step[0].abs() < 1e-7 && step[1].abs() < 1e-8) || iteration + 1 == ITERATIONS {
                 let explained = 1.0 - square / self.variance;
                 if explained < MIN_EXPLAINED {
-                    return Err(TimingError::NoAgreement { share: explained.max(0.0) });
+                    return Err(TimingError::NoAgreement {
+                        share: explained.max(0.0),
+                    });
                 }
                 let result = ClockOffset {
                     offset_s,
-                    offset_sigma_s: covariance[(0, 0)].sqrt(),
+                    offset_sigma_s: covariance[(0, 0)].sqrt().hypot(MODEL_SIGMA_S),
                     drift,
                     drift_sigma: covariance[(1, 1)].sqrt(),
                     at_s: self.at_s,

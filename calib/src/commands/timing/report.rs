@@ -20,7 +20,10 @@ pub(super) fn report(found: &Found) -> Report {
     report.push(result(found));
     for (caption, shift_s) in [
         ("As stamped", 0.0),
-        ("The second signal moved by the offset: the two must change together", shift_s),
+        (
+            "The second signal moved by the offset: the two must change together",
+            shift_s,
+        ),
     ] {
         report.push(signals(found, caption, shift_s));
     }
@@ -50,12 +53,24 @@ fn result(found: &Found) -> Block {
                 format!("{:+.3}", 1e3 * clocks.offset_s),
                 format!("{:.3}", 1e3 * clocks.offset_sigma_s),
             ),
-            row("drift, ppm", format!("{:+.1}", 1e6 * clocks.drift), format!("{:.1}", 1e6 * clocks.drift_sigma)),
+            row(
+                "drift, ppm",
+                format!("{:+.1}", 1e6 * clocks.drift),
+                format!("{:.1}", 1e6 * clocks.drift_sigma),
+            ),
             row("compared", clocks.n_used.to_string(), String::new()),
         ],
         Outcome::Latency(latency) => vec![
-            row("mean latency, ms", format!("{:.2}", 1e3 * latency.mean_s), format!("{:.2}", 1e3 * latency.mean_sigma_s)),
-            row("spread of single ones, ms", format!("{:.2}", 1e3 * latency.spread_s), String::new()),
+            row(
+                "mean latency, ms",
+                format!("{:.2}", 1e3 * latency.mean_s),
+                format!("{:.2}", 1e3 * latency.mean_sigma_s),
+            ),
+            row(
+                "spread of single ones, ms",
+                format!("{:.2}", 1e3 * latency.spread_s),
+                String::new(),
+            ),
             row("compared", latency.each_s.len().to_string(), String::new()),
         ],
     };
@@ -69,21 +84,32 @@ fn result(found: &Found) -> Block {
 fn signals(found: &Found, caption: &str, shift_s: f64) -> Block {
     let points: [Vec<[f64; 2]>; 2] = match &found.signals {
         Signals::Light(light) => light.each_ref().map(|samples| {
-            samples.iter().map(|s| [s.start_s + 0.5 * s.exposure_s, s.value]).collect()
+            samples
+                .iter()
+                .map(|s| [s.start_s + 0.5 * s.exposure_s, s.value])
+                .collect()
         }),
-        Signals::Path(paths) => paths.each_ref().map(|path| path.iter().map(|s| [s.middle_s, s.place_px[0]]).collect()),
+        Signals::Path(paths) => paths
+            .each_ref()
+            .map(|path| path.iter().map(|s| [s.middle_s, s.place_px[0]]).collect()),
     };
     let from_s = points[0].first().map_or(0.0, |point| point[0]);
-    let series = points.into_iter().zip(&found.names).zip([0.0, shift_s]).map(|((points, name), shift_s)| {
-        let least = points.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
-        let most = points.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
-        let moved = points.into_iter().map(|[t, v]| [t - shift_s, (v - least) / (most - least)]);
-        Series {
-            name: name.clone(),
-            points: moved.filter(|[t, _]| (0.0..SHOWN_S).contains(&(t - from_s))).collect(),
-            style: Style::Line,
-        }
-    });
+    let series = points
+        .into_iter()
+        .zip(&found.names)
+        .zip([0.0, shift_s])
+        .map(|((points, name), shift_s)| {
+            let least = points.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
+            let most = points.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
+            let moved = points
+                .into_iter()
+                .map(|[t, v]| [t - shift_s, (v - least) / (most - least)]);
+            Series {
+                name: name.clone(),
+                points: moved.filter(|[t, _]| (0.0..SHOWN_S).contains(&(t - from_s))).collect(),
+                style: Style::Line,
+            }
+        });
     Block::Plot {
         caption: caption.to_owned(),
         plot: Plot::Chart {

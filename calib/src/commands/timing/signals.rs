@@ -8,7 +8,7 @@ use mirrorball_calib::{
     tag::{Detection, Detector, Family, LumaView},
     timing::{
         Sample, Stamp, TimingError,
-        blink::{BLOCK_PX, blinking_blocks, MAX_CLIPPED},
+        blink::{BLOCK_PX, MAX_CLIPPED, blinking_blocks},
         motion::Sighting,
     },
 };
@@ -67,7 +67,8 @@ fn when<'a>(
     first_ns: &mut Option<u64>,
     stamp: Stamp,
 ) -> Result<(&'a str, [f64; 2]), TimingCommandError> {
-    let (Some(camera), Some(time_ns), Some(exposure)) = (&picture.camera, picture.timestamp_ns, picture.exposure) else {
+    let (Some(camera), Some(time_ns), Some(exposure)) = (&picture.camera, picture.timestamp_ns, picture.exposure)
+    else {
         return Err(TimingCommandError::NoTime);
     };
     let first_ns = *first_ns.get_or_insert(time_ns);
@@ -117,11 +118,15 @@ impl Light<'_> {
         } else {
             vec![0]
         };
-        let samples = self.frames.iter().zip(&self.exposures).map(|(frame, [start_s, exposure_s])| Sample {
-            start_s: *start_s,
-            exposure_s: *exposure_s,
-            value: blocks.iter().map(|block| f64::from(frame[*block])).sum::<f64>() / blocks.len() as f64,
-        });
+        let samples = self
+            .frames
+            .iter()
+            .zip(&self.exposures)
+            .map(|(frame, [start_s, exposure_s])| Sample {
+                start_s: *start_s,
+                exposure_s: *exposure_s,
+                value: blocks.iter().map(|block| f64::from(frame[*block])).sum::<f64>() / blocks.len() as f64,
+            });
         Ok(samples.collect())
     }
 }
@@ -154,12 +159,19 @@ pub(super) fn paths(
     for picture in input.open()? {
         let picture = picture?;
         let (camera, [start_s, exposure_s]) = when(&picture, &mut first_ns, stamp)?;
-        let Some(index) = names.iter().position(|name| name == camera) else { continue };
+        let Some(index) = names.iter().position(|name| name == camera) else {
+            continue;
+        };
         let luma: Vec<u8> = image::imageops::grayscale(&picture.rgb).into_raw();
         let size = [picture.rgb.width() as usize, picture.rgb.height() as usize];
-        let Ok(view) = LumaView::new(size, size[0], &luma) else { continue };
+        let Ok(view) = LumaView::new(size, size[0], &luma) else {
+            continue;
+        };
         for detection in detector.detect(view) {
-            seen[index].entry(detection.id).or_default().push(sighting(&detection, start_s + 0.5 * exposure_s));
+            seen[index]
+                .entry(detection.id)
+                .or_default()
+                .push(sighting(&detection, start_s + 0.5 * exposure_s));
         }
     }
     let n_both = |id: &u32| seen[0][id].len().min(seen[1].get(id).map_or(0, Vec::len));

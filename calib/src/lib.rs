@@ -83,4 +83,5 @@ pub mod response;
 pub mod response_fit;
 pub mod rig;
 pub mod tag;
+pub mod timing;
 mod view;

@@ -11,7 +11,7 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, color, convert, detect, display, extrinsics, hand_eye, intrinsics, markers, merge, photometric, probe};
+use commands::{CommandError, ball, check, color, convert, detect, display, extrinsics, hand_eye, intrinsics, markers, merge, photometric, probe, timing};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]
@@ -49,6 +49,8 @@ enum Command {
     Photometric(photometric::Args),
     /// Measures the colour matrix between two cameras from patches that both see.
     Color(color::Args),
+    /// Compares two cameras' clocks, or measures the latency from an event to its picture on a display.
+    Timing(timing::Args),
 }
 
 fn main() -> ExitCode {
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         Command::Probe(args) => probe::run(&args, &mut out),
         Command::Photometric(args) => photometric::run(&args, &mut out),
         Command::Color(args) => color::run(&args, &mut out),
+        Command::Timing(args) => timing::run(&args, &mut out),
     };
     let result = result.and_then(|()| out.flush().map_err(CommandError::Output));
     match result {

@@ -310,3 +310,165 @@ fn a_ball_of_200_pixels_shows_directions_to_a_tenth_of_a_degree() {
     }
     assert!(!failed);
 }
+
+/// The fit for a radius that is known about, so that it need not be searched for.
+fn about() -> BallPrior {
+    BallPrior {
+        radius_m: Some(1.01 * BALL.radius_m),
+        reflectance: REFLECTANCE.as_vec3(),
+        ..prior()
+    }
+}
+
+#[test]
+fn one_view_needs_a_ruler_and_then_does() {
+    let takes = takes(1, 0.4);
+    let error = fitted(&takes, &about()).unwrap_err();
+    assert_eq!(
+        error,
+        BallError::OneView {
+            view: "view 0".to_owned()
+        }
+    );
+    let measured = Measured {
+        value_m: BALL.radius_m + 1e-4,
+        sigma_m: 1e-4,
+    };
+    let fit = fitted(
+        &takes,
+        &BallPrior {
+            measured_radius: Some(measured),
+            ..about()
+        },
+    )
+    .expect("the ruler helps");
+    let offset = fit.ball.center_m - BALL.center_m;
+    // The distance is as wrong as the ruler: 0.26 % of 245 mm.
+    assert!(offset.length() < 3.0 * 0.0026 * 0.245, "{offset}");
+    let [median, _] = direction_errors_deg(&fit, &takes);
+    assert!(median < 0.4, "{median}");
+}
+
+#[test]
+fn views_from_one_side_do_not_tell_the_radius() {
+    let mut takes = takes(2, 0.4);
+    takes[1].camera_from_world = pose(1.31, 0.9);
+    let error = fitted(&takes, &about()).unwrap_err();
+    assert!(matches!(error, BallError::RadiusUnknown { .. }), "{error}");
+}
+
+#[test]
+fn a_card_is_borne_and_a_ball_that_was_moved_is_named() {
+    let mut takes = takes(4, 0.4);
+    takes[0].covered = 0.2;
+    takes[2].moved_m = DVec3::new(0.003, 0.002, 0.0);
+    let fit = fitted(&takes, &about()).expect("three views agree");
+    assert!(matches!(fit.views[2], ViewResult::Rejected(_)), "{:?}", fit.views);
+    assert!(
+        (fit.ball.center_m - BALL.center_m).length() < 2e-4,
+        "{}",
+        fit.ball.center_m - BALL.center_m
+    );
+    takes[0].moved_m = DVec3::new(-0.003, 0.003, 0.0);
+    takes[1].moved_m = DVec3::new(0.0, -0.004, 0.0);
+    let error = fitted(&takes, &about()).unwrap_err();
+    assert!(matches!(error, BallError::Disagree { .. }), "{error}");
+}
+
+#[test]
+fn a_ball_that_is_elsewhere_is_not_found() {
+    let elsewhere = BallPrior {
+        center_m: BALL.center_m + DVec3::new(0.3, 0.3, 0.0),
+        ..about()
+    };
+    let error = fitted(&takes(2, 0.4), &elsewhere).unwrap_err();
+    assert!(matches!(error, BallError::NotSeen { .. }), "{error}");
+}
+
+#[test]
+fn the_program_writes_the_ball_into_the_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = plain_rig();
+    let pictures = folder.path().join("pictures");
+    std::fs::create_dir(&pictures).unwrap();
+    for (index, turn) in [0.0f64, 1.6, 3.3].into_iter().enumerate() {
+        let from = BALL.center_m + DVec3::new(0.26 * turn.cos(), 0.26 * turn.sin(), 0.26);
+        let camera_from_world = looking_at(DVec3::new(0.01, -0.05, 0.02), from, 0.1);
+        let frame = picture(
+            &rig,
+            &Take {
+                camera_from_world,
+                ..takes(1, 0.3)[0]
+            },
+        );
+        let file = pictures.join(format!("{index}.png"));
+        image::save_buffer(file, &frame.pixels, 640, 480, image::ColorType::Rgb8).unwrap();
+    }
+    let text = support::RIG.replace("color = [[1.1, -0.1, 0.0], [0.0, 1.0, 0.0], [0.05, 0.0, 0.95]]\n", "");
+    let file = folder.path().join("rig.toml");
+    std::fs::write(&file, &text).unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let inputs = [path("rig.toml"), path("pictures")];
+    let run = |more: &[&str]| {
+        let arguments = [
+            &[
+                "ball",
+                "--rig",
+                &inputs[0],
+                "--images",
+                &inputs[1],
+                "--camera",
+                "scene",
+            ][..],
+            more,
+        ];
+        std::process::Command::new(env!("CARGO_BIN_EXE_mirrorball-calib"))
+            .args(arguments.concat())
+            .output()
+            .unwrap()
+    };
+    let center = [
+        "--center",
+        "0.022,-0.0965,0.0465",
+        "--radius-m",
+        "0.0386",
+        "--radius-sigma-m",
+        "0.0002",
+    ];
+    let outputs = [path("rig.toml"), path("ball.json"), path("ball.html")];
+    let output = run(&[
+        &center[..],
+        &["--out", &outputs[0], "--json", &outputs[1], "--report", &outputs[2]],
+    ]
+    .concat());
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let rig = Rig::from_toml(&std::fs::read_to_string(&file).unwrap(), &file).unwrap();
+    let ball = rig.ball.expect("written");
+    assert!((ball.center_m - BALL.center_m).length() < 4e-4, "{}", ball.center_m);
+    assert!((ball.radius_m - BALL.radius_m).abs() < 2e-4, "{}", ball.radius_m);
+    let off = (DVec3::from_array(ball.reflectance) / REFLECTANCE - 1.0)
+        .abs()
+        .max_element();
+    assert!(off < 0.04, "{:?}", ball.reflectance);
+    assert_eq!(ball.roughness, 0.02);
+    let numbers: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&outputs[1]).unwrap()).unwrap();
+    assert!(
+        numbers["direction_sigma_deg"]["median"].as_f64().unwrap() < 0.5,
+        "{numbers}"
+    );
+    assert!(
+        std::fs::read_to_string(&outputs[2])
+            .unwrap()
+            .contains("<h1>Mirror ball</h1>")
+    );
+    let before = std::fs::read(&file).unwrap();
+    let output = run(&["--center", "1,1,0.05", "--out", &outputs[0]]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("hint: the whole ball must be in the picture"));
+    assert_eq!(std::fs::read(&file).unwrap(), before, "a failure writes no rig");
+}

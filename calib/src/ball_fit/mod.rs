@@ -30,8 +30,10 @@ const ROUNDS: usize = 6;
 const STILL_M: f64 = 2e-6;
 /// Blur that outlines are first looked for with, pixels.
 const TYPICAL_BLUR_PX: f64 = 0.5;
-/// How far outside the outline its edge is judged, pixels.
-const WINDOW_PX: f64 = 4.5;
+/// How far outside the outline its edge is judged, pixels: least and most.
+const WINDOW_PX: [f64; 2] = [3.0, 4.5];
+/// The same in parts of the ball's radius in the picture: the reflections of the surroundings crowd in a small ball.
+const WINDOW_OF_RADIUS: f64 = 0.045;
 /// Blurs that are tried, pixels: the edge of a blurred mirror has another shape, and a wrong one shifts the outline.
 const BLURS_PX: [f64; 6] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.3];
 /// Largest standard deviation of the radius, relative, of a ball that is handed out.
@@ -194,7 +196,7 @@ pub fn fit(views: &[BallView<'_>], prior: &BallPrior) -> Result<BallFit, BallErr
         search_m: 0.008,
         size_sigma: 0.03,
         blur_px: TYPICAL_BLUR_PX,
-        window_px: WINDOW_PX,
+        window_px: WINDOW_PX[0],
     };
     for round in 0..ROUNDS {
         if round == 1 {
@@ -236,11 +238,21 @@ fn most_likely_blur(views: &[BallView<'_>], ball: &MirrorBall, reflectance: Vec3
 
 type Sightings = Vec<Result<ConeSighting, OutlineError>>;
 
+/// How far outside the ball's outline its edge is judged in a view, pixels.
+fn window_px(view: &View<'_>, ball: &MirrorBall) -> f64 {
+    let distance_m = view.camera_from_world.transform_point(ball.center_m).length();
+    let radius_px = view.camera.intrinsics.focal_px.x * ball.radius_m / distance_m;
+    (WINDOW_OF_RADIUS * radius_px).clamp(WINDOW_PX[0], WINDOW_PX[1])
+}
+
 /// The outline in every view.
 fn look(views: &[BallView<'_>], ball: &MirrorBall, reflectance: Vec3, settings: OutlineSettings) -> Sightings {
     views
         .par_iter()
-        .map(|view| OutlineFinder::new(settings).sight(&view.view, ball, reflectance))
+        .map(|view| {
+            let window_px = window_px(&view.view, ball);
+            OutlineFinder::new(OutlineSettings { window_px, ..settings }).sight(&view.view, ball, reflectance)
+        })
         .collect()
 }
 
@@ -250,12 +262,13 @@ fn solve_for(
     start: &MirrorBall,
     prior: &BallPrior,
 ) -> Result<solve::Solution, BallError> {
-    let seen: Vec<solve::Seen> = views
+    let mut seen: Vec<solve::Seen> = views
         .iter()
         .zip(sightings)
         .enumerate()
         .filter_map(|(index, (view, sighting))| Some(solve::Seen::new(index, view, start, sighting.as_ref().ok()?)))
         .collect();
+    solve::share_sides(&mut seen, start);
     let only = |index: usize| views[index].name.clone();
     match (seen.as_slice(), prior.measured_radius) {
         ([], _) => Err(not_seen(views, sightings)),

@@ -32,7 +32,7 @@ const FINE: usize = 3;
 /// Blurs of the ball's picture that are tried, pixels, the pixel's own area included.
 const BLURS_PX: [f64; 5] = [0.35, 0.5, 0.7, 1.0, 1.4];
 /// Fewest pixels of the ball that mirror the paper.
-const MIN_PIXELS: usize = 12;
+const MIN_PIXELS: usize = 10;
 /// Least relative uncertainty of one paper in one picture: it is no perfect diffuser, and vignetting is not perfectly known.
 const PAPER_SIGMA: f64 = 0.01;
 
@@ -60,7 +60,7 @@ pub struct Reflectance {
 pub struct NoPatch {
     /// Papers in pictures that were looked at.
     pub n_tried: usize,
-    /// Those that fewer than 12 pixels of the ball show well.
+    /// Those that fewer than 10 pixels of the ball show well.
     pub too_small: usize,
     /// Those that are too bright for the exposure.
     pub clipped: usize,

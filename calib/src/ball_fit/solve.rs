@@ -17,6 +17,8 @@ const ITERATIONS: usize = 30;
 /// Squared deviation beyond which a view contradicts: by chance one of 4 million does (χ² of three degrees of freedom), and
 /// outlines are not that normal.
 const CONTRADICTION: f64 = 33.0;
+/// Pictures nearer to each other than this are from the same side: 15°, which turn the reflections at the rim by 30°.
+const SAME_SIDE_RAD: f64 = 0.262;
 /// Largest factor between expected and found standard deviations of views that agree.
 const MAX_SCALE: f64 = 6.0;
 
@@ -31,6 +33,22 @@ pub(super) struct Seen {
     px_per_rad: f64,
     /// Inverse of the lower Cholesky factor of the covariance: makes residuals independent and of unit variance.
     whiten: Matrix3<f64>,
+}
+
+/// Makes pictures from the same side count as one: what the surroundings show just inside the outline, and so its error,
+/// is alike there.
+pub(super) fn share_sides(seen: &mut [Seen], about: &MirrorBall) {
+    let sides: Vec<DVec3> = seen
+        .iter()
+        .map(|view| (view.camera_from_world.inverse().translation - about.center_m).normalize_or(DVec3::Z))
+        .collect();
+    for (view, side) in seen.iter_mut().zip(&sides) {
+        let n_near = sides
+            .iter()
+            .filter(|other| other.angle_between(*side) < SAME_SIDE_RAD)
+            .count();
+        view.whiten /= (n_near as f64).sqrt();
+    }
 }
 
 /// A joint solution.

@@ -24,7 +24,7 @@ pub(super) fn radius_m(views: &[BallView<'_>], prior: &BallPrior) -> f64 {
         search_m: 0.006,
         size_sigma: RATIO - 1.0,
         blur_px: super::TYPICAL_BLUR_PX,
-        window_px: super::WINDOW_PX,
+        window_px: super::WINDOW_PX[0],
     };
     let tried: Vec<(f64, f64)> = (0..=n_radii)
         .into_par_iter()
@@ -33,8 +33,9 @@ pub(super) fn radius_m(views: &[BallView<'_>], prior: &BallPrior) -> f64 {
                 center_m: prior.center_m,
                 radius_m: RANGE_M[0] * RATIO.powi(step),
             };
-            let mut finder = OutlineFinder::new(settings);
             let share = |view: &BallView<'_>| {
+                let window_px = super::window_px(&view.view, &ball);
+                let mut finder = OutlineFinder::new(OutlineSettings { window_px, ..settings });
                 let sighting = finder.sight(&view.view, &ball, prior.reflectance);
                 sighting.map_or(0.0, |sighting| sighting.n_used as f64 / sighting.n_profiles as f64)
             };

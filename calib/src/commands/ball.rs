@@ -52,17 +52,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "S", requires = "radius_m")]
     radius_sigma_m: Option<f64>,
     /// About where the ball's centre is in the world, metres, to 5 mm; by default where the rig file has it.
-    #[arg(
-        long,
-        value_name = "X,Y,Z",
-        value_delimiter = ',',
-        num_args = 3,
-        allow_hyphen_values = true
-    )]
-    center: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true)]
+    center: Option<DVec3>,
     /// Reflectance of red, green and blue, if no marker shall tell it.
-    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 3)]
-    reflectance: Option<Vec<f64>>,
+    #[arg(long, value_name = "R,G,B", value_parser = triple)]
+    reflectance: Option<DVec3>,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -186,7 +180,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let mut warnings = Vec::new();
     let taken = take(args, &file, &parts, &mut warnings)?;
     let views: Vec<BallView<'_>> = taken.iter().map(Taken::view).collect();
-    let given = triple(args.reflectance.as_deref());
+    let given = args.reflectance;
     let (mut fit, mut measured);
     let mut round = 0;
     loop {
@@ -257,8 +251,13 @@ fn read_parts(args: &Args) -> Result<(PathBuf, RigParts), BallCommandError> {
     Ok((file, parts))
 }
 
-fn triple(values: Option<&[f64]>) -> Option<DVec3> {
-    values.map(|values| DVec3::new(values[0], values[1], values[2]))
+/// Three numbers with commas between them.
+fn triple(text: &str) -> Result<DVec3, String> {
+    let values: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match values.as_deref() {
+        Ok(&[x, y, z]) if [x, y, z].into_iter().all(f64::is_finite) => Ok(DVec3::new(x, y, z)),
+        _ => Err("three numbers with commas between them are needed".to_owned()),
+    }
 }
 
 fn prior(args: &Args, file: &std::path::Path, ball: Option<&Ball>) -> Result<BallPrior, BallCommandError> {
@@ -271,7 +270,7 @@ fn prior(args: &Args, file: &std::path::Path, ball: Option<&Ball>) -> Result<Bal
         _ => Ok(value),
     };
     let radius = positive("radius-m", args.radius_m)?.zip(positive("radius-sigma-m", args.radius_sigma_m)?);
-    let reflectance = triple(args.reflectance.as_deref());
+    let reflectance = args.reflectance;
     if let Some(value) = reflectance
         && !(value.min_element() > 0.0 && value.max_element() <= 1.0)
     {
@@ -281,11 +280,10 @@ fn prior(args: &Args, file: &std::path::Path, ball: Option<&Ball>) -> Result<Bal
             allowed: "above 0, at most 1",
         });
     }
-    let center = triple(args.center.as_deref()).or(ball.map(|ball| ball.center_m));
-    let center_m = center.filter(|center| center.is_finite());
+    let center = args.center.or(ball.map(|ball| ball.center_m));
     let known = ball.map(|ball| DVec3::from_array(ball.reflectance).as_vec3());
     Ok(BallPrior {
-        center_m: center_m.ok_or_else(|| BallCommandError::NoCenter { file: file.to_owned() })?,
+        center_m: center.ok_or_else(|| BallCommandError::NoCenter { file: file.to_owned() })?,
         radius_m: ball.map(|ball| ball.radius_m),
         measured_radius: radius.map(|(value_m, sigma_m)| Measured { value_m, sigma_m }),
         reflectance: reflectance

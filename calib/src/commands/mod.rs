@@ -20,6 +20,7 @@ pub(crate) mod probe;
 mod progress;
 mod sightings;
 mod view_list;
+pub(crate) mod timing;
 
 use std::{
     fs, io,

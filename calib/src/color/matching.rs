@@ -288,7 +288,7 @@ mod tests {
         // Yellows and reds are edges, not bands.
         let edge = 1.0 / (1.0 + (-(wavelength - middle) / 20.0).exp());
         let band = bell(wavelength, middle, 60.0);
-        floor + strength * if index % 2 == 0 { band } else { edge }
+        floor + strength * if index.is_multiple_of(2) { band } else { edge }
     }
 
     /// What a camera with bell-shaped sensitivities sees under a warm light.

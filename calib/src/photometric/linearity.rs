@@ -52,7 +52,7 @@ pub fn measure(
     setting_of: &[usize],
     response: ResponseIs,
 ) -> Vec<TrueExposure> {
-    let pairs = pair_errors(patches, curves, patches.exposures_s());
+    let pairs = pair_errors(patches, curves, &patches.channel_exposures_s());
     let is_seen = |setting: usize| {
         let of = |picture: &usize| setting_of[*picture] == setting;
         pairs.iter().any(|pair| pair.pictures.iter().any(of))

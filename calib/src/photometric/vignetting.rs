@@ -395,7 +395,7 @@ mod tests {
         assert_eq!(error, VignettingError::Clipped { picture: 0, found: 0 });
         let board: Vec<u8> = (0..n)
             .map(|i| {
-                if (i / 3 % SIZE_PX[0] / 16 + i / 3 / SIZE_PX[0] / 16) % 2 == 0 {
+                if (i / 3 % SIZE_PX[0] / 16 + i / 3 / SIZE_PX[0] / 16).is_multiple_of(2) {
                     200
                 } else {
                     50

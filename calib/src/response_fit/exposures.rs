@@ -16,17 +16,23 @@ const PAIR_DEVIATION: f64 = 0.02;
 const FIXED: f64 = 1e8;
 
 /// Logarithms of corrected exposure times, from those of the nominal ones: least squares over the medians of all pairs of
-/// pictures, corrections being small, zero on the whole, and not growing with exposure.
+/// pictures in these channels, corrections being small, zero on the whole, and not growing with exposure.
 ///
 /// Pictures that share nothing with others keep their time.
-pub(super) fn correct(patches: &FlatPatches, curves: &[ResponseCurve; 3], nominal: &[f64]) -> Vec<f64> {
-    let exposures_s: Vec<f64> = nominal.iter().map(|log| log.exp()).collect();
-    let pairs = ratios::pair_errors(patches, curves, &exposures_s);
+pub(super) fn correct(
+    patches: &FlatPatches,
+    curves: &[ResponseCurve; 3],
+    nominal: &[f64],
+    channels: &[usize],
+) -> Vec<f64> {
+    let exposures_s: Vec<[f64; 3]> = nominal.iter().map(|log| [log.exp(); 3]).collect();
+    let mut pairs = ratios::pair_errors(patches, curves, &exposures_s);
+    pairs.retain(|pair| channels.contains(&pair.channel));
     let n = nominal.len();
     let mut normal = free_of_scale(nominal, |i| pairs.iter().any(|pair| pair.pictures.contains(&i)));
     let mut right = DVector::zeros(n);
     // Channels are three views of one error.
-    let weight = PAIR_DEVIATION.powi(-2) / 3.0;
+    let weight = PAIR_DEVIATION.powi(-2) / channels.len() as f64;
     for pair in &pairs {
         let [a, b] = pair.pictures;
         let error = pair.error.ln_1p();

@@ -63,6 +63,12 @@ impl FlatPatches {
         &self.exposures_s
     }
 
+    /// The same for red, green and blue of each picture.
+    #[must_use]
+    pub fn channel_exposures_s(&self) -> Vec<[f64; 3]> {
+        self.exposures_s.iter().map(|&time| [time; 3]).collect()
+    }
+
     /// The darkest code of a channel that a picture shows: film has a base that is not black, cameras have 0 or a little more.
     pub(super) fn floor(&self, channel: usize) -> f64 {
         f64::from(self.floors[channel])

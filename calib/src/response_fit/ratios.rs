@@ -42,10 +42,14 @@ pub struct PairError {
     pub patches: usize,
 }
 
-/// Measures how well `curves` explain exposures of `exposures_s`, one per picture; `None` when no two pictures have 100 well
+/// Measures how well `curves` explain exposures of `exposures_s`, per picture those of red, green and blue; `None` when no two pictures have 100 well
 /// exposed patches in common.
 #[must_use]
-pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Option<RatioErrors> {
+pub fn ratio_errors(
+    patches: &FlatPatches,
+    curves: &[ResponseCurve; 3],
+    exposures_s: &[[f64; 3]],
+) -> Option<RatioErrors> {
     let mut sizes = Vec::new();
     let pairs = measured_pairs(patches, curves, exposures_s, |errors| {
         sizes.extend(errors.iter().map(|error| error.abs()));
@@ -61,7 +65,11 @@ pub fn ratio_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposure
 }
 
 /// The error of every pair of pictures and channel that has enough patches.
-pub(crate) fn pair_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], exposures_s: &[f64]) -> Vec<PairError> {
+pub(crate) fn pair_errors(
+    patches: &FlatPatches,
+    curves: &[ResponseCurve; 3],
+    exposures_s: &[[f64; 3]],
+) -> Vec<PairError> {
     measured_pairs(patches, curves, exposures_s, |_| ())
 }
 
@@ -69,13 +77,14 @@ pub(crate) fn pair_errors(patches: &FlatPatches, curves: &[ResponseCurve; 3], ex
 fn measured_pairs(
     patches: &FlatPatches,
     curves: &[ResponseCurve; 3],
-    exposures_s: &[f64],
+    exposures_s: &[[f64; 3]],
     mut each: impl FnMut(&[f64]),
 ) -> Vec<PairError> {
     let mut pairs = Vec::new();
-    for [a, b] in patches::ordered_pairs(exposures_s) {
-        for (channel, curve) in curves.iter().enumerate() {
-            let ratio = exposures_s[a] / exposures_s[b];
+    for (channel, curve) in curves.iter().enumerate() {
+        let of_channel: Vec<f64> = exposures_s.iter().map(|times| times[channel]).collect();
+        for [a, b] in patches::ordered_pairs(&of_channel) {
+            let ratio = of_channel[a] / of_channel[b];
             let errors: Vec<f64> = patches
                 .pairs([a, b], channel, WELL_EXPOSED)
                 .map(|[code_a, code_b]| linear_at(curve, code_a) / linear_at(curve, code_b) / ratio - 1.0)

@@ -67,17 +67,24 @@ pub(super) struct Solution {
 /// The same light in two pictures.
 struct Match {
     codes: [f64; 2],
-    pictures: [usize; 2],
+    /// Logarithm of the ratio of their exposures.
+    log_ratio: f64,
     /// Number of patches behind it.
     patches: f64,
 }
 
 /// Solves for one curve of the given channels: twice, the second time without the patches in which something has moved.
-pub(super) fn solve(patches: &FlatPatches, channels: &[usize], log_exposures: &[f64]) -> Result<Solution, FitError> {
+///
+/// `log_exposures` are those of red, green and blue, one per picture.
+pub(super) fn solve(
+    patches: &FlatPatches,
+    channels: &[usize],
+    log_exposures: &[Vec<f64>; 3],
+) -> Result<Solution, FitError> {
     let first = solve_once(patches, channels, log_exposures, |_, _| true)?;
-    let is_still = |[a, b]: [usize; 2], codes: [f32; 2]| {
+    let is_still = |log_ratio: f64, codes: [f32; 2]| {
         let [signal_a, signal_b] = codes.map(|code| linear_at(&first.curve, code));
-        let error = (signal_a / signal_b).ln() - (log_exposures[a] - log_exposures[b]);
+        let error = (signal_a / signal_b).ln() - log_ratio;
         error.abs() < MAX_CONTRADICTION
     };
     solve_once(patches, channels, log_exposures, is_still)
@@ -86,27 +93,29 @@ pub(super) fn solve(patches: &FlatPatches, channels: &[usize], log_exposures: &[
 fn solve_once(
     patches: &FlatPatches,
     channels: &[usize],
-    log_exposures: &[f64],
-    is_still: impl Fn([usize; 2], [f32; 2]) -> bool,
+    log_exposures: &[Vec<f64>; 3],
+    is_still: impl Fn(f64, [f32; 2]) -> bool,
 ) -> Result<Solution, FitError> {
     let (mut matches, mut most) = (Vec::new(), 0);
     let floor = channels
         .iter()
         .map(|&channel| patches.floor(channel))
         .fold(0.0, f64::max);
-    let exposures: Vec<f64> = log_exposures.iter().map(|log| log.exp()).collect();
-    for pictures in patches::ordered_pairs(&exposures) {
-        if log_exposures[pictures[0]] - log_exposures[pictures[1]] > MAX_LOG_RATIO {
-            continue;
-        }
-        for &channel in channels {
+    for &channel in channels {
+        let logs = &log_exposures[channel];
+        let exposures: Vec<f64> = logs.iter().map(|log| log.exp()).collect();
+        for pictures in patches::ordered_pairs(&exposures) {
+            let log_ratio = logs[pictures[0]] - logs[pictures[1]];
+            if log_ratio > MAX_LOG_RATIO {
+                continue;
+            }
             let low = floor + MIN_ABOVE_FLOOR;
             let pairs: Vec<[f32; 2]> = patches
                 .pairs(pictures, channel, [low as f32, HIGHEST_CODE as f32])
-                .filter(|&codes| is_still(pictures, codes))
+                .filter(|&codes| is_still(log_ratio, codes))
                 .collect();
             most = most.max(pairs.len());
-            add_matches(&pairs, pictures, low, &mut matches);
+            add_matches(&pairs, log_ratio, low, &mut matches);
         }
     }
     if matches.is_empty() {
@@ -120,7 +129,7 @@ fn solve_once(
     floors.dedup();
     let best = floors
         .into_iter()
-        .map(|floor| Problem::new(&matches, log_exposures, floor).solve())
+        .map(|floor| Problem::new(&matches, floor).solve())
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .expect("there is at least one floor to try");
     let codes = || matches.iter().flat_map(|found| found.codes);
@@ -134,7 +143,7 @@ fn solve_once(
 }
 
 /// Adds the equal quantiles of the patches that two pictures have in common, one per code of the first.
-fn add_matches(pairs: &[[f32; 2]], pictures: [usize; 2], low: f64, matches: &mut Vec<Match>) {
+fn add_matches(pairs: &[[f32; 2]], log_ratio: f64, low: f64, matches: &mut Vec<Match>) {
     if pairs.len() < MIN_PATCHES {
         return;
     }
@@ -154,7 +163,7 @@ fn add_matches(pairs: &[[f32; 2]], pictures: [usize; 2], low: f64, matches: &mut
         let n = ranks.len() as f64;
         matches.push(Match {
             codes: [mean(&a) / n, mean(&b) / n],
-            pictures,
+            log_ratio,
             patches: n,
         });
     }
@@ -186,10 +195,10 @@ struct Fit {
 }
 
 impl Problem {
-    fn new(matches: &[Match], log_exposures: &[f64], floor: f64) -> Self {
+    fn new(matches: &[Match], floor: f64) -> Self {
         let light: Vec<f64> = (0..CODES).map(|code| above_floor(code as f64, floor)).collect();
         let start = DVector::from_fn(CODES, |code, _| USUAL_EXPONENT * (light[code] / light[CODES - 1]).ln());
-        let rows = matches.iter().map(|found| row(found, log_exposures, &start)).collect();
+        let rows = matches.iter().map(|found| row(found, &start)).collect();
         let u: Vec<f64> = (0..CODES)
             .map(|code| light[code].ln() - (TOP - code as f64).ln())
             .collect();
@@ -248,8 +257,7 @@ impl Problem {
     }
 }
 
-fn row(found: &Match, log_exposures: &[f64], start: &DVector<f64>) -> Row {
-    let [a, b] = found.pictures;
+fn row(found: &Match, start: &DVector<f64>) -> Row {
     let mut terms = [(0, 0.0); 4];
     let mut variance = 0.0;
     for (side, (code, sign)) in found.codes.into_iter().zip([1.0, -1.0]).enumerate() {
@@ -262,7 +270,7 @@ fn row(found: &Match, log_exposures: &[f64], start: &DVector<f64>) -> Row {
     }
     Row {
         terms,
-        log_ratio: log_exposures[a] - log_exposures[b],
+        log_ratio: found.log_ratio,
         sigma: (variance / found.patches + MODEL_ERROR.powi(2)).sqrt(),
     }
 }

@@ -1,6 +1,6 @@
 //! The patches in the pictures of both cameras.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use mirrorball_calib::{
     color::{
@@ -19,6 +19,9 @@ use crate::commands::{
     input::{Picture, Pictures},
 };
 
+/// Patches that a message names per reason.
+const NAMED: usize = 6;
+
 /// What both cameras see.
 pub(super) struct Found {
     pub(super) shared: Vec<SharedPatch>,
@@ -29,13 +32,21 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// For error messages.
+    /// In words: per camera and reason the first few patches, and how many more.
     pub(super) fn left_out_text(&self) -> String {
-        let texts: Vec<String> = self
-            .left_out
-            .iter()
-            .map(|(camera, patch, reason)| format!("`{patch}` in `{camera}`: {reason}"))
-            .collect();
+        let mut groups: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
+        for (camera, patch, reason) in &self.left_out {
+            groups.entry((camera, reason)).or_default().push(patch);
+        }
+        let text = |((camera, reason), patches): ((&str, &str), Vec<&str>)| {
+            let named: Vec<String> = patches.iter().take(NAMED).map(|patch| format!("`{patch}`")).collect();
+            let more = match patches.len().saturating_sub(NAMED) {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            format!("{}{more} in `{camera}`: {reason}", named.join(", "))
+        };
+        let texts: Vec<String> = groups.into_iter().map(text).collect();
         if texts.is_empty() {
             "nothing".to_owned()
         } else {

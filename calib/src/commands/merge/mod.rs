@@ -16,6 +16,7 @@ use mirrorball_calib::{
         noise::{ChannelNoise, ChannelTable, VarianceTable},
         stack::{MergedPicture, StackError, StackPicture, StackRules, merge_stack},
     },
+    photometric::debevec_malik,
     response::{ResponseCurve, ResponseError},
     response_fit::{Channels, ExposureTimes, FitError, FlatPatches, RatioErrors, Shot, fit_patches, ratio_errors},
 };
@@ -52,6 +53,9 @@ pub(crate) struct Args {
     /// Take the exposure times as nominal: correct them, and say by how much. Needs a response that is fitted.
     #[arg(long)]
     nominal_exposures: bool,
+    /// The same for each channel by itself, as for film, whose layers do not all fail reciprocity alike.
+    #[arg(long, conflicts_with = "nominal_exposures")]
+    nominal_exposures_per_channel: bool,
     /// Colour of pixels that show nothing, such as the borders of registered pictures.
     #[arg(long, value_name = "R,G,B", value_parser = rgb)]
     mask_rgb: Option<[u8; 3]>,
@@ -158,12 +162,14 @@ pub(crate) struct Series {
 /// The response that they are merged with.
 pub(crate) struct Response {
     curves: [ResponseCurve; 3],
-    /// As given, or corrected.
-    exposures_s: Vec<f64>,
+    /// As given, or corrected, of red, green and blue.
+    exposures_s: Vec<[f64; 3]>,
     /// What it is: `srgb`, `fit`, `fit-channels` or a file.
     source: String,
     known_codes: Option<[u8; 2]>,
     errors: Option<RatioErrors>,
+    /// Of Debevec and Malik's response, to compare with.
+    debevec_malik: Option<RatioErrors>,
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
@@ -307,6 +313,8 @@ fn response(args: &Args, series: &Series) -> Result<Response, MergeError> {
     let patches = FlatPatches::new(&shots, series.size_px).map_err(MergeError::Fit)?;
     let times = if args.nominal_exposures {
         ExposureTimes::Nominal
+    } else if args.nominal_exposures_per_channel {
+        ExposureTimes::NominalPerChannel
     } else {
         ExposureTimes::Exact
     };
@@ -320,21 +328,23 @@ fn response(args: &Args, series: &Series) -> Result<Response, MergeError> {
             let fitted = fit_patches(&patches, channels, times).map_err(MergeError::Fit)?;
             (fitted.curves, fitted.exposures_s, Some(fitted.known_codes))
         }
-        None if args.nominal_exposures => {
+        None if times != ExposureTimes::Exact => {
             let found = args.response.clone();
             return Err(MergeError::NotFitted { found });
         }
         None if args.response == "srgb" => {
             let srgb = ResponseCurve::srgb();
-            ([srgb.clone(), srgb.clone(), srgb], series.exposures_s.clone(), None)
+            ([srgb.clone(), srgb.clone(), srgb], patches.channel_exposures_s(), None)
         }
         None => (
             files::read_response(Path::new(&args.response))?,
-            series.exposures_s.clone(),
+            patches.channel_exposures_s(),
             None,
         ),
     };
+    let rival = debevec_malik::fit(&shots, series.size_px);
     Ok(Response {
+        debevec_malik: ratio_errors(&patches, &rival, &patches.channel_exposures_s()),
         errors: ratio_errors(&patches, &curves, &exposures_s),
         curves,
         exposures_s,
@@ -358,14 +368,16 @@ fn merge(series: &Series, response: &Response) -> Result<MergedPicture, MergeErr
 }
 
 /// What one second of a signal of 1 is the unit of radiance.
-fn table(response: &Response, exposure_s: f64) -> VarianceTable {
-    let noise = ChannelNoise {
+fn table(response: &Response, exposures_s: [f64; 3]) -> VarianceTable {
+    let noise = |exposure_s: f64| ChannelNoise {
         signal_per_radiance: exposure_s,
         signal_per_electron: 1.0 / FULL_WELL_E,
         read_noise_e: READ_NOISE_E,
         code_noise: CODE_NOISE,
     };
-    VarianceTable::from_channels(response.curves.each_ref().map(|curve| ChannelTable::new(curve, &noise)))
+    VarianceTable::from_channels(std::array::from_fn(|channel| {
+        ChannelTable::new(&response.curves[channel], &noise(exposures_s[channel]))
+    }))
 }
 
 /// Rules for pictures of unknown cameras: their response is exact to some per cent, a tripod to a pixel.

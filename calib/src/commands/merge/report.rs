@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use mirrorball_calib::{
     merge::{State, stack::MergedPicture},
     probe::radiance::luminance,
+    response_fit::RatioErrors,
 };
 use serde::Serialize;
 
@@ -39,6 +40,8 @@ struct ResponseEntry {
     /// Smallest and largest code that the pictures tell about.
     known_codes: Option<[u8; 2]>,
     exposure_ratio: Option<RatioEntry>,
+    /// The same with the response that Debevec and Malik's method finds and the exposure times as given, to compare with.
+    exposure_ratio_debevec_malik: Option<RatioEntry>,
 }
 
 #[derive(Serialize)]
@@ -67,7 +70,7 @@ struct MergedEntry {
 impl Report {
     pub(super) fn new(series: &Series, response: &Response, merged: &MergedPicture) -> Self {
         let pictures = (0..series.files.len()).map(|index| picture(index, series, response, merged));
-        let ratio = response.errors.as_ref().map(|errors| RatioEntry {
+        let ratio = |errors: &RatioErrors| RatioEntry {
             patch_median: errors.patch_median,
             pair_median: errors.pair_median,
             worst: errors.worst.error,
@@ -75,13 +78,14 @@ impl Report {
             worst_channel: ["red", "green", "blue"][errors.worst.channel],
             pairs: errors.pairs,
             patches: errors.patches,
-        });
+        };
         Self {
             pictures: pictures.collect(),
             response: ResponseEntry {
                 source: response.source.clone(),
                 known_codes: response.known_codes,
-                exposure_ratio: ratio,
+                exposure_ratio: response.errors.as_ref().map(ratio),
+                exposure_ratio_debevec_malik: response.debevec_malik.as_ref().map(ratio),
             },
             merged: merged_entry(merged),
         }
@@ -170,7 +174,11 @@ fn picture(index: usize, series: &Series, response: &Response, merged: &MergedPi
     PictureEntry {
         file: series.files[index].display().to_string(),
         exposure_s: series.exposures_s[index],
-        correction_ev: (response.exposures_s[index] / series.exposures_s[index]).log2(),
+        correction_ev: response.exposures_s[index]
+            .iter()
+            .map(|time| (time / series.exposures_s[index]).log2())
+            .sum::<f64>()
+            / 3.0,
         clipped: share(count(255)),
         black: share(count(0)),
         main: share(main),

@@ -145,9 +145,9 @@ fn respond(args: &Args, series: &Series) -> Result<Response, PhotometricError> {
     Ok(Response {
         errors: errors_with(&patches, &fitted.curves, &exposures, &settings),
         rivals: Some(Rivals {
-            debevec_malik_errors: ratio_errors(&patches, &debevec_malik, patches.exposures_s()),
+            debevec_malik_errors: ratio_errors(&patches, &debevec_malik, &patches.channel_exposures_s()),
             debevec_malik,
-            nominal_errors: ratio_errors(&patches, &exact.curves, patches.exposures_s()),
+            nominal_errors: ratio_errors(&patches, &exact.curves, &patches.channel_exposures_s()),
         }),
         curves: fitted.curves,
         known_codes: Some(fitted.known_codes),
@@ -192,7 +192,7 @@ fn errors_with(
     exposures: &[TrueExposure],
     settings: &[usize],
 ) -> Option<RatioErrors> {
-    let found: Vec<f64> = settings.iter().map(|&setting| exposures[setting].true_s).collect();
+    let found: Vec<[f64; 3]> = settings.iter().map(|&setting| [exposures[setting].true_s; 3]).collect();
     ratio_errors(patches, curves, &found)
 }
 

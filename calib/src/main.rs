@@ -11,7 +11,10 @@ use std::{
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use commands::{CommandError, ball, check, color, convert, detect, display, extrinsics, hand_eye, intrinsics, markers, merge, photometric, probe, timing};
+use commands::{
+    CommandError, ball, check, color, convert, detect, display, extrinsics, hand_eye, intrinsics, markers, merge,
+    photometric, probe, timing,
+};
 
 /// Markers, cameras and the rig.
 #[derive(Debug, Parser)]

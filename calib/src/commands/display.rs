@@ -24,7 +24,7 @@ use super::{
     CommandError,
     csv::{Table, TableError},
     explain::Explain,
-    input::InputArgs,
+    input::Pictures,
     output::OutputArgs,
     probe::canvas,
     sightings::RigText,
@@ -284,11 +284,8 @@ fn points_seen(args: &Args, file: &Path, table: &Table) -> Result<Vec<DVec3>, Co
     let markers = &rig.parts.markers;
     let marker = markers.iter().find(|marker| marker.id == id);
     let marker = marker.ok_or(DisplayFailure::NoMarker { id })?;
-    let input = InputArgs {
-        images: None,
-        recording: Some(recording.clone()),
-    };
-    let seen = rig.look(&input, std::slice::from_ref(&camera))?;
+    let pictures = Pictures::of_recording(recording)?;
+    let seen = rig.look(pictures, std::slice::from_ref(&camera))?;
     let mut points = Vec::new();
     for index in 0..table.len() {
         let (number, sequence) = (number(table, index)?, table.whole(index, "sequence")?);

@@ -18,7 +18,7 @@ use super::{
     explain::Explain,
     input::InputArgs,
     output::OutputArgs,
-    sightings::{RigText, Seen},
+    sightings::{RigText, Seen, SightingsError},
     view_list::{
         RejectedEntry, Rows, SigmaEntry, ViewEntry, difference, matrix_rows, push_views, rejected_entries, rows,
         view_entries,
@@ -177,7 +177,7 @@ fn located(args: &Args, rig: &RigText) -> Result<Vec<Found>, CommandError> {
         }
         cameras.push(camera);
     }
-    let seen = rig.look(&args.input, &cameras)?;
+    let seen = rig.look(args.input.open().map_err(SightingsError::from)?, &cameras)?;
     let mut found = Vec::new();
     for (index, camera) in cameras.iter().enumerate() {
         let views = seen.iter().filter(|seen| seen.camera == index);
@@ -213,7 +213,7 @@ fn related(args: &Args, rig: &RigText, cameras: &[Camera; 2]) -> Result<Found, C
     if markers.is_empty() {
         return Err(ExtrinsicsError::NoMarkers.into());
     }
-    let seen = rig.look(&args.input, cameras)?;
+    let seen = rig.look(args.input.open().map_err(SightingsError::from)?, cameras)?;
     let pairs = pairs(&seen, args.max_skew_ms);
     let place =
         pair([&first.intrinsics, &second.intrinsics], &pairs, markers).map_err(|source| ExtrinsicsError::Pair {

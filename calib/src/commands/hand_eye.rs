@@ -20,7 +20,7 @@ use super::{
     CommandError,
     csv::{Table, TableError},
     explain::Explain,
-    input::InputArgs,
+    input::Pictures,
     output::OutputArgs,
     sightings::RigText,
     view_list::{Rows, SigmaEntry, matrix_rows, rows},
@@ -92,11 +92,8 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         return Err(HandEyeFailure::NoMarkers.into());
     }
     let track = tracked_poses(&Table::read(&args.poses)?)?;
-    let input = InputArgs {
-        images: None,
-        recording: Some(args.recording.clone()),
-    };
-    let seen = rig.look(&input, std::slice::from_ref(&camera))?;
+    let pictures = Pictures::of_recording(&args.recording)?;
+    let seen = rig.look(pictures, std::slice::from_ref(&camera))?;
     let moments: Vec<Moment> = seen
         .iter()
         .filter_map(|seen| {

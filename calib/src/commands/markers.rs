@@ -15,7 +15,7 @@ use super::{
     explain::Explain,
     input::InputArgs,
     output::OutputArgs,
-    sightings::RigText,
+    sightings::{RigText, SightingsError},
     view_list::{
         RejectedEntry, Rows, SigmaEntry, ViewEntry, difference, matrix_rows, push_views, rejected_entries, rows,
         view_entries,
@@ -94,7 +94,10 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let rig = RigText::read(&args.rig)?;
     let camera = rig.camera(&args.camera)?;
     let main_marker = args.main.or(rig.parts.main_marker).ok_or(MarkersError::NoMain)?;
-    let seen = rig.look(&args.input, std::slice::from_ref(&camera))?;
+    let seen = rig.look(
+        args.input.open().map_err(SightingsError::from)?,
+        std::slice::from_ref(&camera),
+    )?;
     let views: Vec<_> = seen.into_iter().map(|seen| seen.view).collect();
     let ids = views
         .iter()

@@ -19,8 +19,8 @@ pub(crate) mod photometric;
 pub(crate) mod probe;
 mod progress;
 mod sightings;
-mod view_list;
 pub(crate) mod timing;
+mod view_list;
 
 use std::{
     fs, io,

@@ -16,7 +16,7 @@ use mirrorball_calib::{
 
 use super::{
     explain::Explain,
-    input::{InputArgs, InputError},
+    input::{InputError, Pictures},
     output::{OutputArgs, OutputError, draft},
 };
 
@@ -161,10 +161,10 @@ impl RigText {
     }
 
     /// Looks for markers in all pictures of these cameras, in the order of the input.
-    pub(crate) fn look(&self, input: &InputArgs, cameras: &[Camera]) -> Result<Vec<Seen>, SightingsError> {
+    pub(crate) fn look(&self, pictures: Pictures, cameras: &[Camera]) -> Result<Vec<Seen>, SightingsError> {
         let mut finder = Finder::new(&self.families());
         let mut all = Vec::new();
-        for picture in input.open()? {
+        for picture in pictures {
             let picture = picture?;
             let camera = match &picture.camera {
                 Some(name) => cameras.iter().position(|camera| camera.name == *name),

@@ -179,7 +179,7 @@ pub(super) fn paths(
     let chosen = chosen.filter(|id| seen.iter().all(|seen| seen.contains_key(id)));
     let id = chosen.ok_or(TimingCommandError::NoMarker)?;
     let [mut a, mut b] = seen;
-    let mut take = |seen: &mut BTreeMap<u32, Vec<Sighting>>| seen.remove(&id).expect("both have seen it");
+    let take = |seen: &mut BTreeMap<u32, Vec<Sighting>>| seen.remove(&id).expect("both have seen it");
     Ok([take(&mut a), take(&mut b)])
 }
 

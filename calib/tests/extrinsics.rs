@@ -62,9 +62,9 @@ fn recording() -> &'static Path {
 }
 
 fn write_recording() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder can be written");
     let rig = rig();
-    let mut draft = RigDraft::from_toml(RIG, Path::new("rig.toml")).unwrap();
+    let mut draft = RigDraft::from_toml(RIG, Path::new("rig.toml")).expect("what the program writes can be read");
     for name in ["left", "right"] {
         draft.set_camera(name, Role::Ball, rig.scene_camera().intrinsics.size_px);
         draft.set_lens(name, &rig.scene_camera().intrinsics);
@@ -72,13 +72,14 @@ fn write_recording() -> tempfile::TempDir {
     }
     draft.set_camera_from_world("left", &Pose::identity());
     draft.set_camera_from_world("right", &Pose::identity());
-    fs::write(folder.path().join("rig.toml"), draft.to_toml()).unwrap();
+    fs::write(folder.path().join("rig.toml"), draft.to_toml()).expect("a temporary folder can be written");
     let mut list = "camera,sequence,timestamp_ns,file,exposure_s,gain,wb_r,wb_g,wb_b\n".to_owned();
     let mut add = |camera: &str, index: usize, pose: &Pose| {
-        fs::create_dir_all(folder.path().join(camera)).unwrap();
+        fs::create_dir_all(folder.path().join(camera)).expect("a temporary folder can be written");
         let file = format!("{camera}/{index:06}.png");
         let pixels = picture(&rig, pose, 2);
-        image::save_buffer(folder.path().join(&file), &pixels, 640, 480, image::ColorType::Rgb8).unwrap();
+        image::save_buffer(folder.path().join(&file), &pixels, 640, 480, image::ColorType::Rgb8)
+            .expect("a temporary folder can be written");
         let ns = 1_000_000_000 + STEP_NS * index as u64;
         list += &format!("{camera},{index},{ns},{file},0.01,1.0,1.0,1.0,1.0\n");
     };
@@ -92,7 +93,7 @@ fn write_recording() -> tempfile::TempDir {
             add("left", index, &left_from_world());
         }
     }
-    fs::write(folder.path().join("frames.csv"), list).unwrap();
+    fs::write(folder.path().join("frames.csv"), list).expect("a temporary folder can be written");
     folder
 }
 
@@ -105,9 +106,14 @@ fn run(arguments: &[&str]) -> Output {
 
 /// Runs a command that must succeed, and reads the numbers it writes.
 fn numbers(arguments: &[&str]) -> Value {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder can be written");
     let (json, page) = (folder.path().join("n.json"), folder.path().join("page.html"));
-    let more = ["--json", json.to_str().unwrap(), "--report", page.to_str().unwrap()];
+    let more = [
+        "--json",
+        json.to_str().expect("a temporary folder has a plain name"),
+        "--report",
+        page.to_str().expect("a temporary folder has a plain name"),
+    ];
     let output = run(&[arguments, &more].concat());
     assert_eq!(
         output.status.code(),
@@ -115,21 +121,27 @@ fn numbers(arguments: &[&str]) -> Value {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    assert!(fs::read_to_string(page).unwrap().contains("<h1>"));
-    serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap()
+    assert!(
+        fs::read_to_string(page)
+            .expect("what the program writes can be read")
+            .contains("<h1>")
+    );
+    serde_json::from_str(&fs::read_to_string(json).expect("what the program writes can be read"))
+        .expect("what the program writes can be read")
 }
 
 /// Runs a command that must blame its input, and gives what it says.
 fn refused(arguments: &[&str]) -> String {
     let output = run(arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
+    let said = String::from_utf8(output.stderr).expect("what the program writes can be read");
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("\n  hint: "), "{said}");
     said
 }
 
 fn pose(rows: &Value) -> Pose {
-    Pose::from_rows(&serde_json::from_value(rows.clone()).unwrap()).unwrap()
+    Pose::from_rows(&serde_json::from_value(rows.clone()).expect("what the program writes can be read"))
+        .expect("what the program writes can be read")
 }
 
 /// How far two poses are from each other: degrees and millimetres.

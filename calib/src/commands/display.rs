@@ -31,7 +31,7 @@ use super::{
     view_list::{Rows, SigmaEntry, matrix_rows, rows},
 };
 
-/// Distances of the point from the eye that prompts ask for in turn, metres.
+/// Distances of the point from the eye that prompts ask for, metres.
 const DISTANCES_M: [f64; 3] = [0.5, 1.0, 2.0];
 
 /// Part of the display, in each direction, in which crosses stand.
@@ -175,7 +175,7 @@ struct Prompt {
     distance_m: f64,
 }
 
-/// Crosses that cover the display evenly however many of them are used (Halton 1960, bases 2 and 3), distances in turn.
+/// Crosses that cover the display and all distances evenly however many of them are used (Halton 1960, bases 2, 3 and 5).
 fn prompts(size_px: [u32; 2], n: u32) -> Vec<Prompt> {
     let along = |part: f64, size: u32| {
         let inner = 0.5 + INNER * (part - 0.5);
@@ -187,7 +187,7 @@ fn prompts(size_px: [u32; 2], n: u32) -> Vec<Prompt> {
             along(radical_inverse(number, 2), size_px[0]),
             along(radical_inverse(number, 3), size_px[1]),
         ],
-        distance_m: DISTANCES_M[(number as usize - 1) % DISTANCES_M.len()],
+        distance_m: DISTANCES_M[(radical_inverse(number, 5) * DISTANCES_M.len() as f64) as usize],
     };
     (1..=n).map(prompt).collect()
 }

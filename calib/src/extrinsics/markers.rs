@@ -326,6 +326,7 @@ mod tests {
             }
         }
         let ratio = f64::sqrt(sum / n);
+        println!("markers, {n} errors of {ratio:.2} σ");
         assert!((1.0 / 1.5..1.5).contains(&ratio), "{ratio}");
     }
 

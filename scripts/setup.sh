@@ -2,8 +2,9 @@
 # Installs what Debian packages are missing and checks the Rust toolchain.
 # Says what it does; says and does nothing, and needs no network, when all is there.
 #
-# usage: scripts/setup.sh [--window] [--no-drivers]
+# usage: scripts/setup.sh [--window] [--browser] [--no-drivers]
 #   --window      also the libraries that `mirrorball-render --window` loads at run time
+#   --browser     also Chromium (300 MB), in which the pages of reports are tested; the tests are skipped without it
 #   --no-drivers  not the virtual machine in which the tests on real camera drivers run; they are skipped then
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -15,6 +16,7 @@ cd "$(dirname "$0")/.."
 packages=(build-essential libclang-dev linux-libc-dev libvulkan1 mesa-vulkan-drivers ca-certificates curl)
 # QEMU and what puts a kernel together for it: scripts/driver-vm.sh.
 driver_packages=(qemu-system-x86 kmod busybox-static cpio xz-utils)
+browser_packages=(chromium fonts-dejavu-core)
 window_packages=(libxkbcommon0 libxkbcommon-x11-0 libwayland-client0 libx11-6 libx11-xcb1 libxcursor1 libxi6 libxrandr2)
 
 fail() {
@@ -70,8 +72,9 @@ drivers=yes
 for option in "$@"; do
     case $option in
         --window) packages+=("${window_packages[@]}") ;;
+        --browser) packages+=("${browser_packages[@]}") ;;
         --no-drivers) drivers=no ;;
-        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\` and \`--no-drivers\`" ;;
+        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\`, \`--browser\` and \`--no-drivers\`" ;;
     esac
 done
 if [ $drivers = yes ]; then

@@ -27,18 +27,18 @@ fn text(bytes: &[u8]) -> String {
 
 /// What is said of a recording and its rig file with one number in it changed: exit code, error, numbers.
 fn with_changed(name: &str, change: impl Fn(&mut toml::Table)) -> (Option<i32>, String, serde_json::Value) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let (rig, json, page) = (
         folder.path().join("rig.toml"),
         folder.path().join("drift.json"),
         folder.path().join("drift.html"),
     );
     let mut table: toml::Table = fs::read_to_string(recording(name).join("rig.toml"))
-        .unwrap()
+        .expect("a readable file")
         .parse()
-        .unwrap();
+        .expect("a readable file");
     change(&mut table);
-    fs::write(&rig, table.to_string()).unwrap();
+    fs::write(&rig, table.to_string()).expect("a temporary folder can be written");
     let output = check(&[
         &rig,
         Path::new("--recording"),
@@ -48,8 +48,8 @@ fn with_changed(name: &str, change: impl Fn(&mut toml::Table)) -> (Option<i32>, 
         Path::new("--report"),
         &page,
     ]);
-    assert!(fs::read_to_string(page).unwrap().contains("</html>"));
-    let numbers = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    assert!(fs::read_to_string(page).expect("a readable file").contains("</html>"));
+    let numbers = serde_json::from_str(&fs::read_to_string(json).expect("a readable file")).expect("a readable file");
     (output.status.code(), text(&output.stderr), numbers)
 }
 

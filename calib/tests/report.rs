@@ -46,14 +46,14 @@ fn chromium() -> Option<PathBuf> {
             env::var_os("MIRRORBALL_REQUIRE_CHROMIUM").is_none(),
             "no chromium, but MIRRORBALL_REQUIRE_CHROMIUM is set"
         );
-        println!("SKIPPED: no chromium");
+        eprintln!("SKIPPED: no chromium");
     }
     found
 }
 
 /// What Chromium says (its output, its log) when it opens a page with these options.
 fn browse(chromium: &Path, page: &Path, options: &[&str]) -> (String, String) {
-    let profile = tempfile::tempdir().unwrap();
+    let profile = tempfile::tempdir().expect("a temporary folder");
     let output = Command::new(chromium)
         .args([
             "--headless",

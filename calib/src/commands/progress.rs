@@ -57,11 +57,6 @@ impl Progress {
     pub(crate) fn say(&self, text: &str) {
         self.bar.set_message(text.to_owned());
     }
-
-    /// Prints a line above the bar, on a terminal only.
-    pub(crate) fn line(&self, text: &str) {
-        self.bar.println(text);
-    }
 }
 
 impl Drop for Progress {
@@ -82,7 +77,6 @@ mod tests {
                 progress.tick(name);
             }
             assert_eq!(progress.bar.position(), 3);
-            progress.line("seen");
             progress.say("tilt the board");
             assert_eq!(progress.bar.message(), "tilt the board");
         }

@@ -74,7 +74,7 @@ fn line(frame: &Frame, x: &Span, y: &Span, series: &Series, index: usize) -> Mar
 fn stroke(path: Path, style: Style, index: usize) -> Markup {
     let (width, cap, dashes) = match style {
         // Neighbours differ in shape too.
-        Style::Dots if index % 2 == 0 => ("4.5", "round", None),
+        Style::Dots if index.is_multiple_of(2) => ("4.5", "round", None),
         Style::Dots => ("3.5", "square", None),
         Style::Line => ("1.8", "round", None),
         Style::Dashed => ("1.5", "butt", Some("6 4")),

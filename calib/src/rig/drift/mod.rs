@@ -141,7 +141,7 @@ impl<'a> DriftCheck<'a> {
                     .marker(seen.id)
                     .is_some_and(|marker| marker.family == seen.family)
             })
-            .cloned()
+            .copied()
             .collect();
         let located = resection::locate(&known, self.rig, &camera.intrinsics);
         self.seen += usize::from(camera.role == Role::Scene);

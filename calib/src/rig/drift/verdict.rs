@@ -212,7 +212,7 @@ pub(super) fn judge(
     let (suspect, gain, trial) = best;
     let as_good = others.iter().filter(|(_, other, _)| *other >= AS_GOOD * gain);
     let or = as_good
-        .map(|(suspect, _, trial)| in_words(problem, rig, *suspect, trial))
+        .map(|(suspect, _, trial)| in_words(rig, *suspect, trial))
         .collect();
     let finding = match *suspect {
         Suspect::Marker(marker) => Finding::MarkerMoved {
@@ -229,8 +229,7 @@ pub(super) fn judge(
     Some((finding, *suspect, trial.clone()))
 }
 
-fn in_words(problem: &Problem<'_>, rig: &Rig, suspect: Suspect, trial: &Explanation) -> String {
-    debug_assert!(!problem.blocks.is_empty());
+fn in_words(rig: &Rig, suspect: Suspect, trial: &Explanation) -> String {
     match suspect {
         Suspect::Marker(marker) => {
             let displacement = marker_displacement(rig, marker, trial);

@@ -204,3 +204,44 @@ impl Plane {
         Some(row(y) * (1.0 - part.y) + row(y + 1) * part.y)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::ResponseCurve;
+
+    #[test]
+    fn a_corner_is_a_candidate_with_its_edges() {
+        let middle = DVec2::new(30.3, 29.6);
+        for angles in [[0.4, 1.7], [-0.5, 0.6], [2.0, 3.1]] {
+            let directions = angles.map(DVec2::from_angle);
+            let light = |place: DVec2| {
+                let steps = directions.map(|direction| direction.perp_dot(place - middle).clamp(-1.0, 1.0));
+                0.4 + 0.3 * steps[0] * steps[1]
+            };
+            let places = (0..61 * 61).map(|i| DVec2::new(f64::from(i % 61), f64::from(i / 61)));
+            let rgb: Vec<u8> = places.flat_map(|place| [(255.0 * light(place)) as u8; 3]).collect();
+            let mut luma = LinearLuma::new();
+            luma.set(&rgb, [61, 61], &ResponseCurve::srgb()).unwrap();
+            let best = find(&luma)[0];
+            assert!(best.pixel.distance(middle) < 1.5, "{best:?}");
+            for direction in directions {
+                let sine = best.edges.map(|edge| edge.perp_dot(direction).abs());
+                // Half a pixel off on a ring of a few pixels turns an edge by so much.
+                assert!(sine[0].min(sine[1]) < 0.25, "{direction} {best:?}");
+            }
+            let between = middle + 6.0 * (best.edges[0] + best.edges[1]);
+            assert_eq!(best.black_between, light(between) < 0.4, "{best:?}");
+        }
+    }
+
+    #[test]
+    fn flat_and_tiny_pictures_have_none() {
+        for size in [[0, 0], [1, 1], [4, 9], [40, 40]] {
+            let mut luma = LinearLuma::new();
+            luma.set(&vec![99; 3 * size[0] * size[1]], size, &ResponseCurve::srgb())
+                .unwrap();
+            assert_eq!(find(&luma), []);
+        }
+    }
+}

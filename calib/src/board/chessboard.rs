@@ -249,12 +249,14 @@ impl Grid {
             2 => (x1 - column, y1 - row),
             _ => (x0 + row, y1 - column),
         };
-        let fits = |turn: &usize| {
-            (if turn % 2 == 0 {
+        let is_upright = |turn: usize| turn.is_multiple_of(2);
+        let fits = |&turn: &usize| {
+            let shape = if is_upright(turn) {
                 (width, height)
             } else {
                 (height, width)
-            }) == (columns, rows)
+            };
+            shape == (columns, rows)
         };
         let pixel = |turn: usize, column: usize, row: usize| {
             let (x, y) = turned(turn, column, row);

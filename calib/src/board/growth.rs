@@ -124,14 +124,14 @@ impl<'a> Growth<'a> {
         let mut tries = vec![0; self.targets.len()];
         loop {
             let mut progress = false;
-            for index in 0..self.targets.len() {
-                if matches!(self.seen[index], Some(Seen::Found(_))) || tries[index] >= MAX_TRIES {
+            for (index, tries) in tries.iter_mut().enumerate() {
+                if matches!(self.seen[index], Some(Seen::Found(_))) || *tries >= MAX_TRIES {
                     continue;
                 }
                 let Some(plane) = self.plane_around(index, MAX_DISTANCE * self.pitch_m) else {
                     continue;
                 };
-                tries[index] += 1;
+                *tries += 1;
                 if let Some(saddle) = self.find(index, &plane) {
                     self.seen[index] = Some(Seen::Found(saddle));
                     progress = true;

@@ -78,15 +78,20 @@ fn record(folder: &Path, truth: DMat3) -> Rig {
         &format!("camera_from_world = {:?}", [a, b, c]),
         1,
     );
-    let rig = Rig::from_toml(&text, Path::new("rig.toml")).unwrap();
-    fs::write(folder.join("rig.toml"), &text).unwrap();
+    let rig = Rig::from_toml(&text, Path::new("rig.toml")).expect("the rig of the tests is valid");
+    fs::write(folder.join("rig.toml"), &text).expect("a temporary folder can be written");
     let pose = looking_at(DVec3::new(0.15, 0.0, 0.0), DVec3::new(0.1, -0.35, 0.5), 0.0);
     let mut list = "camera,sequence,timestamp_ns,file,exposure_s,gain,wb_r,wb_g,wb_b\n".to_owned();
     let scene = rig.scene_camera();
-    let probe = rig.camera("probe").unwrap();
+    let probe = rig.camera("probe").expect("the rig of the tests is valid");
     let mut codes = [picture(&rig, &pose, 1), vec![60; 3 * 640 * 640]];
     paint(&mut codes[0], scene, &pose, DMat3::IDENTITY);
-    paint(&mut codes[1], probe, &probe.camera_from_world.unwrap(), truth.inverse());
+    paint(
+        &mut codes[1],
+        probe,
+        &probe.camera_from_world.expect("the rig of the tests is valid"),
+        truth.inverse(),
+    );
     for ((camera, codes), time) in [scene, probe]
         .into_iter()
         .zip(codes)
@@ -94,12 +99,13 @@ fn record(folder: &Path, truth: DMat3) -> Rig {
     {
         let [width, height] = camera.intrinsics.size_px;
         let name = &camera.name;
-        fs::create_dir(folder.join(name)).unwrap();
+        fs::create_dir(folder.join(name)).expect("a temporary folder can be written");
         let file = folder.join(format!("{name}/000000.png"));
-        image::save_buffer(file, &codes, width, height, image::ColorType::Rgb8).unwrap();
-        writeln!(list, "{name},0,{time},{name}/000000.png,0.01,1.0,1.0,1.0,1.0").unwrap();
+        image::save_buffer(file, &codes, width, height, image::ColorType::Rgb8)
+            .expect("a temporary folder can be written");
+        writeln!(list, "{name},0,{time},{name}/000000.png,0.01,1.0,1.0,1.0,1.0").expect("a text can be written");
     }
-    fs::write(folder.join("frames.csv"), list).unwrap();
+    fs::write(folder.join("frames.csv"), list).expect("a temporary folder can be written");
     let mut sheet = "marker = 0\n".to_owned();
     for (middle, name, _) in patches() {
         let (x, y) = (middle.x, middle.y);
@@ -107,9 +113,9 @@ fn record(folder: &Path, truth: DMat3) -> Rig {
             sheet,
             "[[patch]]\nname = \"{name}\"\nx_m = {x}\ny_m = {y}\nside_m = {SIDE_M}"
         )
-        .unwrap();
+        .expect("the simulated input is complete");
     }
-    fs::write(folder.join("patches.toml"), sheet).unwrap();
+    fs::write(folder.join("patches.toml"), sheet).expect("a temporary folder can be written");
     rig
 }
 
@@ -128,7 +134,10 @@ fn run(folder: &Path, more: &[&str]) -> (Option<i32>, String) {
         .args(more)
         .output()
         .expect("the program starts");
-    (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    (
+        output.status.code(),
+        String::from_utf8(output.stderr).expect("text of the expected kind"),
+    )
 }
 
 #[test]

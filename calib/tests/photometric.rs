@@ -53,24 +53,25 @@ fn scene(x: u32, y: u32) -> f64 {
 }
 
 fn save(file: &Path, codes: &[u8]) {
-    image::save_buffer(file, codes, SIZE_PX[0], SIZE_PX[1], image::ColorType::Rgb8).unwrap();
+    image::save_buffer(file, codes, SIZE_PX[0], SIZE_PX[1], image::ColorType::Rgb8)
+        .expect("a temporary folder can be written");
 }
 
 /// Folders `bracket`, `flat` and `dark`, and `exposures.csv`.
 fn take_pictures(folder: &Path) {
     let mut random = Random(88_172_645_463_325_252);
     for name in ["bracket", "flat", "dark"] {
-        fs::create_dir(folder.join(name)).unwrap();
+        fs::create_dir(folder.join(name)).expect("a temporary folder can be written");
     }
     let mut list = "file,exposure_s,gain\n".to_owned();
     for (index, (nominal, factor)) in NOMINAL_S.into_iter().zip(FACTORS).enumerate() {
         for repeat in 0..2 {
             let codes = random.shoot(|x, y| scene(x, y) * nominal * factor);
             save(&folder.join(format!("bracket/{index}{repeat}.png")), &codes);
-            writeln!(list, "{index}{repeat}.png,{nominal},1").unwrap();
+            writeln!(list, "{index}{repeat}.png,{nominal},1").expect("a text can be written");
         }
     }
-    fs::write(folder.join("exposures.csv"), list).unwrap();
+    fs::write(folder.join("exposures.csv"), list).expect("a temporary folder can be written");
     for (index, slope) in [0.2, -0.15, 0.1].into_iter().enumerate() {
         let half = 0.5 * f64::from(SIZE_PX[0]).hypot(f64::from(SIZE_PX[1]));
         let codes = random.shoot(|x, y| {
@@ -91,11 +92,15 @@ fn run(folder: &Path, more: &[&str]) -> (Option<i32>, String) {
         .args(more)
         .output()
         .expect("the program starts");
-    (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    (
+        output.status.code(),
+        String::from_utf8(output.stderr).expect("text of the expected kind"),
+    )
 }
 
 fn json(folder: &Path) -> Value {
-    serde_json::from_str(&fs::read_to_string(folder.join("out.json")).unwrap()).unwrap()
+    serde_json::from_str(&fs::read_to_string(folder.join("out.json")).expect("text of the expected kind"))
+        .expect("text of the expected kind")
 }
 
 #[test]

@@ -57,6 +57,8 @@ impl Found {
 
 /// One camera's patches over its pictures.
 struct Seen {
+    /// Patch and reason of what was not used.
+    left_out: BTreeSet<(String, String)>,
     lights: Vec<Vec<PatchLight>>,
     pictures: usize,
     placed: usize,
@@ -64,11 +66,11 @@ struct Seen {
 
 pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera; 2]) -> Result<Found, CommandError> {
     let mut seen = [(); 2].map(|()| Seen {
+        left_out: BTreeSet::new(),
         lights: vec![Vec::new(); sheet.patches.len()],
         pictures: 0,
         placed: 0,
     });
-    let mut left_out = BTreeSet::new();
     let mut finder = Finder::new(&families(rig));
     for picture in Pictures::of_recording(&args.recording)? {
         let picture = picture?;
@@ -79,18 +81,15 @@ pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera
             continue;
         };
         seen[index].pictures += 1;
-        let Some(placing) = place(args, rig, sheet, cameras[index], &picture, &mut finder)? else {
+        let Some(placing) = by_hand(args, sheet, cameras[index])?.map_or_else(
+            || by_markers(rig, sheet, cameras[index], &picture, &mut finder),
+            |placing| Ok(Some(placing)),
+        )?
+        else {
             continue;
         };
         seen[index].placed += 1;
-        read_picture(
-            sheet,
-            cameras[index],
-            &picture,
-            &placing,
-            &mut seen[index],
-            &mut left_out,
-        )?;
+        read_picture(sheet, cameras[index], &picture, &placing, &mut seen[index])?;
     }
     for (camera, seen) in cameras.iter().zip(&seen) {
         let camera = camera.name.clone();
@@ -115,32 +114,37 @@ pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera
             reference: patch.reference,
         })
     });
+    let left_out = cameras.iter().zip(&seen).flat_map(|(camera, seen)| {
+        let of = seen.left_out.iter();
+        of.map(|(patch, reason)| (camera.name.clone(), patch.clone(), reason.clone()))
+    });
     Ok(Found {
         shared: shared.collect(),
-        left_out,
-        pictures: seen.map(|seen| seen.placed),
+        left_out: left_out.collect(),
+        pictures: seen.each_ref().map(|seen| seen.placed),
     })
 }
 
-/// Where the sheet is; `None` when this picture does not tell.
-fn place(
-    args: &Args,
+/// Where the corners given on the command line put the sheet; `None` when there are none for this camera.
+fn by_hand(args: &Args, sheet: &PatchSheet, camera: &Camera) -> Result<Option<SheetPlacing>, ColorError> {
+    let Some(given) = args.chart_corners.iter().find(|given| given.camera == camera.name) else {
+        return Ok(None);
+    };
+    let corners_m = sheet.corners_m.ok_or(ColorError::NoCorners)?;
+    let placing = SheetPlacing::from_corners(&corners_m, &given.pixels, &camera.intrinsics);
+    placing.map(Some).ok_or_else(|| ColorError::Corners {
+        name: camera.name.clone(),
+    })
+}
+
+/// Where the markers, or else the rig, put the sheet; `None` when neither tells.
+fn by_markers(
     rig: &Rig,
     sheet: &PatchSheet,
     camera: &Camera,
     picture: &Picture,
     finder: &mut Finder,
 ) -> Result<Option<SheetPlacing>, CommandError> {
-    if let Some(given) = args.chart_corners.iter().find(|given| given.camera == camera.name) {
-        let corners_m = sheet.corners_m.ok_or(ColorError::NoCorners)?;
-        let placing = SheetPlacing::from_corners(&corners_m, &given.pixels, &camera.intrinsics);
-        return placing.map(Some).ok_or_else(|| {
-            ColorError::Corners {
-                name: camera.name.clone(),
-            }
-            .into()
-        });
-    }
     let size = [picture.rgb.width() as usize, picture.rgb.height() as usize];
     let detections = finder
         .find(picture.rgb.as_raw(), size, camera)
@@ -165,7 +169,6 @@ fn read_picture(
     picture: &Picture,
     placing: &SheetPlacing,
     seen: &mut Seen,
-    left_out: &mut BTreeSet<(String, String, String)>,
 ) -> Result<(), ColorError> {
     let [width, height] = camera.intrinsics.size_px;
     let expected = 3 * width as usize * height as usize;
@@ -190,7 +193,7 @@ fn read_picture(
         match sample(&patch_picture, patch, placing) {
             Ok(light) => lights.push(light),
             Err(reason) => {
-                left_out.insert((camera.name.clone(), patch.name.clone(), reason.to_string()));
+                seen.left_out.insert((patch.name.clone(), reason.to_string()));
             }
         }
     }

@@ -202,12 +202,14 @@ impl Guide {
             "at the bottom",
             "at the bottom right",
         ];
-        let mut missing = [0u32; 9];
+        let (mut missing, mut cells) = ([0u32; 9], [0u32; 9]);
         for (index, count) in self.corners.iter().enumerate() {
             let place = (index / CELLS[0] * 3 / CELLS[1]) * 3 + index % CELLS[0] * 3 / CELLS[0];
+            cells[place] += 1;
             missing[place] += u32::from(*count == 0);
         }
-        let most = (0..9).max_by_key(|&place| missing[place])?;
+        let share = |place: &usize| f64::from(missing[*place]) / f64::from(cells[*place]);
+        let most = (0..9).max_by(|a, b| share(a).total_cmp(&share(b)))?;
         (missing[most] > 0).then_some(PLACES[most])
     }
 }
@@ -302,4 +304,70 @@ fn empty_cells(lens: &Intrinsics, corners: &[u32]) -> f64 {
     let imaged: Vec<usize> = (0..corners.len()).filter(imaged).collect();
     let empty = imaged.iter().filter(|&&index| corners[index] == 0).count();
     empty as f64 / imaged.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use crate::intrinsics::synthetic::{Scene, grid, pinhole};
+    use crate::pose::{Pose, Twist};
+
+    /// A view of the whole board, its printed side turned by a rotation vector about the camera's axes.
+    fn view(name: &str, turn: DVec3, place: DVec3) -> BoardView {
+        let rotate = Pose::exp(Twist {
+            rotation: turn,
+            translation: DVec3::ZERO,
+        });
+        let rotation = rotate.rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let mut scene = Scene::new(pinhole(), 0, 0.0, 1);
+        scene.poses = vec![Pose {
+            rotation,
+            translation: place - rotation * DVec3::new(0.33, 0.33, 0.0),
+        }];
+        let mut view = scene.views(0.0, 1).remove(0);
+        view.name = name.to_owned();
+        view
+    }
+
+    #[test]
+    fn the_guide_asks_for_what_is_missing() {
+        let mut guide = Guide::new(&grid(), [1280, 720], Model::BrownConrady);
+        let straight = view("straight", DVec3::ZERO, DVec3::new(-0.2, -0.1, 1.6));
+        assert_eq!(guide.add(&straight, Some(0.5)), Taken::New);
+        assert_eq!(guide.add(&straight, Some(0.5)), Taken::Known);
+        assert_eq!(guide.add(&straight, Some(3.0)), Taken::Blurred { edge_width_px: 3.0 });
+        let advice = guide.advice();
+        assert_eq!(advice.tilts, [1, 0, 0, 0, 0]);
+        assert!(advice.next[0].contains("faces to the left"), "{:?}", advice.next);
+        assert!(advice.next[1].contains("right of the picture"), "{:?}", advice.next);
+
+        // The printed side turns about the vertical axis (y down): by a positive angle its normal -z swings to -x, the left.
+        for (index, tilt) in [1, 2, 3, 4].into_iter().enumerate() {
+            let turn = [DVec3::Y, -DVec3::Y, -DVec3::X, DVec3::X][index] * 0.5;
+            for distance in [1.2, 1.5] {
+                assert_eq!(guide.add(&view("tilted", turn, DVec3::Z * distance), None), Taken::New);
+            }
+            assert_eq!(guide.advice().tilts[tilt], 2, "{:?}", guide.advice());
+        }
+        let cells = guide.advice().corners;
+        assert_eq!(cells.iter().map(|count| *count as usize).sum::<usize>(), {
+            guide.views.iter().map(|view| view.corners.len()).sum::<usize>()
+        });
+    }
+
+    #[test]
+    fn views_that_are_alike_are_taken_once() {
+        let scene = Scene::new(pinhole(), 6, 0.5, 3);
+        let one = scene.views(0.0, 1);
+        // Each view three times, hardly moved: a camera held still.
+        let many: Vec<BoardView> = (0..3).flat_map(|take| scene.views(0.1, take)).collect();
+        let chosen = select(&many, [1280, 720], 10);
+        let mut places: Vec<usize> = chosen.iter().map(|index| index % one.len()).collect();
+        places.sort_unstable();
+        assert_eq!(places, [0, 1, 2, 3, 4, 5]);
+        assert_eq!(select(&many, [1280, 720], 4).len(), 4);
+        assert!(select(&[], [1280, 720], 4).is_empty());
+    }
 }

@@ -30,8 +30,11 @@ const TILTED_RAD: f64 = 0.26;
 /// Part of the cells that may stay empty: the corners of a picture are hard to reach.
 const MAY_BE_EMPTY: f64 = 0.1;
 
-/// Part of the picture's diagonal by which a view must differ from every earlier one to be new.
+/// Part of the picture's diagonal by which a view must differ from every earlier one with the board tilted likewise to be new.
 const NEW: f64 = 0.03;
+
+/// Part of the diagonal by which a view that is selected must differ from all others: more than a hand trembles.
+const MOVED: f64 = 0.005;
 
 /// Edge width in pixels above which a picture is too blurred for good corners; a sharp one has 0.3 to 0.7.
 const BLURRED_PX: f64 = 1.5;
@@ -75,7 +78,8 @@ pub struct Advice {
 pub struct Guide {
     board: WarpedBoard,
     lens: Intrinsics,
-    views: Vec<BoardView>,
+    /// Views that count, and where the board faced.
+    views: Vec<(BoardView, usize)>,
     corners: [u32; CELLS[0] * CELLS[1]],
     tilts: [usize; 5],
     largest: f64,
@@ -107,12 +111,14 @@ impl Guide {
             return Taken::Blurred { edge_width_px };
         }
         let diagonal = self.size().length();
-        if self.views.iter().any(|other| apart(other, view, diagonal) < NEW) {
-            return Taken::Known;
-        }
         let Some(tilt) = self.tilt(view) else {
             return Taken::NoPose;
         };
+        // From far away a board that faces left looks almost like one that faces right; they say different things.
+        let mut alike = self.views.iter().filter(|(_, other)| *other == tilt);
+        if alike.any(|(other, _)| apart(other, view, diagonal) < NEW) {
+            return Taken::Known;
+        }
         self.tilts[tilt] += 1;
         let size = self.size();
         for corner in &view.corners {
@@ -121,7 +127,7 @@ impl Guide {
             }
         }
         self.largest = self.largest.max(extent(view) / diagonal);
-        self.views.push(view.clone());
+        self.views.push((view.clone(), tilt));
         Taken::New
     }
 
@@ -229,7 +235,7 @@ pub fn select(views: &[BoardView], size_px: [u32; 2], limit: usize) -> Vec<usize
         }
         distance[index] = 0.0;
         next = (0..views.len())
-            .filter(|&i| distance[i] >= NEW / 3.0)
+            .filter(|&i| distance[i] >= MOVED)
             .max_by(|&a, &b| distance[a].total_cmp(&distance[b]));
     }
     chosen.sort_unstable();
@@ -346,14 +352,14 @@ mod tests {
         // The printed side turns about the vertical axis (y down): by a positive angle its normal -z swings to -x, the left.
         for (index, tilt) in [1, 2, 3, 4].into_iter().enumerate() {
             let turn = [DVec3::Y, -DVec3::Y, -DVec3::X, DVec3::X][index] * 0.5;
-            for distance in [1.2, 1.5] {
+            for distance in [1.1, 1.7] {
                 assert_eq!(guide.add(&view("tilted", turn, DVec3::Z * distance), None), Taken::New);
             }
             assert_eq!(guide.advice().tilts[tilt], 2, "{:?}", guide.advice());
         }
         let cells = guide.advice().corners;
         assert_eq!(cells.iter().map(|count| *count as usize).sum::<usize>(), {
-            guide.views.iter().map(|view| view.corners.len()).sum::<usize>()
+            guide.views.iter().map(|(view, _)| view.corners.len()).sum::<usize>()
         });
     }
 

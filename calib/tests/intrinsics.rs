@@ -40,7 +40,7 @@ fn lens() -> Intrinsics {
     }
 }
 
-/// Twelve views, each turned another way by `tilt` radians; exact corners.
+/// Twelve views, each turned another way by `tilt` radians; corners off by up to 0.02 px, by a rule without a pattern.
 fn corners(tilt: f64) -> Value {
     let views = (0..12).map(|index| {
         let about = f64::from(index) * 2.4;
@@ -69,7 +69,9 @@ fn corners(tilt: f64) -> Value {
                 let pixel = lens()
                     .project(pose.transform_point(point))
                     .filter(|pixel| lens().contains(*pixel))?;
-                Some(json!({ "corner": corner, "pixel": pixel.to_array() }))
+                let phase = f64::from(index * 48) + corner as f64;
+                let off = DVec2::new((phase * 12.9898).sin(), (phase * 78.233).sin()) * 0.02;
+                Some(json!({ "corner": corner, "pixel": (pixel + off).to_array() }))
             });
         json!({ "name": format!("{index}.png"), "corners": seen.collect::<Vec<_>>() })
     });
@@ -136,8 +138,8 @@ fn corners_become_a_rig_numbers_and_a_page() {
     let camera = parts.camera("left").unwrap();
     assert_eq!((camera.role.name(), camera.size_px), ("ball", [640, 480]));
     let found = camera.intrinsics.unwrap().parameters();
-    for (truth, found) in lens().parameters().iter().zip(&found) {
-        assert!((truth - found).abs() < 1e-3 * truth.abs().max(1.0), "{truth} {found}");
+    for (truth, found) in lens().parameters().iter().zip(&found).take(4) {
+        assert!((truth - found).abs() < 5e-3 * truth.abs().max(1.0), "{truth} {found}");
     }
 
     let numbers: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("n.json")).unwrap()).unwrap();

@@ -30,8 +30,11 @@ const TILTED_RAD: f64 = 0.26;
 /// Part of the cells that may stay empty: the corners of a picture are hard to reach.
 const MAY_BE_EMPTY: f64 = 0.1;
 
-/// Part of the picture's diagonal by which a view must differ from every earlier one to be new.
+/// Part of the picture's diagonal by which a view must differ from every earlier one with the board tilted likewise to be new.
 const NEW: f64 = 0.03;
+
+/// Part of the diagonal by which a view that is selected must differ from all others: more than a hand trembles.
+const MOVED: f64 = 0.005;
 
 /// Edge width in pixels above which a picture is too blurred for good corners; a sharp one has 0.3 to 0.7.
 const BLURRED_PX: f64 = 1.5;
@@ -75,7 +78,8 @@ pub struct Advice {
 pub struct Guide {
     board: WarpedBoard,
     lens: Intrinsics,
-    views: Vec<BoardView>,
+    /// Views that count, and where the board faced.
+    views: Vec<(BoardView, usize)>,
     corners: [u32; CELLS[0] * CELLS[1]],
     tilts: [usize; 5],
     largest: f64,
@@ -107,12 +111,14 @@ impl Guide {
             return Taken::Blurred { edge_width_px };
         }
         let diagonal = self.size().length();
-        if self.views.iter().any(|other| apart(other, view, diagonal) < NEW) {
-            return Taken::Known;
-        }
         let Some(tilt) = self.tilt(view) else {
             return Taken::NoPose;
         };
+        // From far away a board that faces left looks almost like one that faces right; they say different things.
+        let mut alike = self.views.iter().filter(|(_, other)| *other == tilt);
+        if alike.any(|(other, _)| apart(other, view, diagonal) < NEW) {
+            return Taken::Known;
+        }
         self.tilts[tilt] += 1;
         let size = self.size();
         for corner in &view.corners {
@@ -121,7 +127,7 @@ impl Guide {
             }
         }
         self.largest = self.largest.max(extent(view) / diagonal);
-        self.views.push(view.clone());
+        self.views.push((view.clone(), tilt));
         Taken::New
     }
 
@@ -202,12 +208,14 @@ impl Guide {
             "at the bottom",
             "at the bottom right",
         ];
-        let mut missing = [0u32; 9];
+        let (mut missing, mut cells) = ([0u32; 9], [0u32; 9]);
         for (index, count) in self.corners.iter().enumerate() {
             let place = (index / CELLS[0] * 3 / CELLS[1]) * 3 + index % CELLS[0] * 3 / CELLS[0];
+            cells[place] += 1;
             missing[place] += u32::from(*count == 0);
         }
-        let most = (0..9).max_by_key(|&place| missing[place])?;
+        let share = |place: &usize| f64::from(missing[*place]) / f64::from(cells[*place]);
+        let most = (0..9).max_by(|a, b| share(a).total_cmp(&share(b)))?;
         (missing[most] > 0).then_some(PLACES[most])
     }
 }
@@ -227,7 +235,7 @@ pub fn select(views: &[BoardView], size_px: [u32; 2], limit: usize) -> Vec<usize
         }
         distance[index] = 0.0;
         next = (0..views.len())
-            .filter(|&i| distance[i] >= NEW / 3.0)
+            .filter(|&i| distance[i] >= MOVED)
             .max_by(|&a, &b| distance[a].total_cmp(&distance[b]));
     }
     chosen.sort_unstable();
@@ -302,4 +310,70 @@ fn empty_cells(lens: &Intrinsics, corners: &[u32]) -> f64 {
     let imaged: Vec<usize> = (0..corners.len()).filter(imaged).collect();
     let empty = imaged.iter().filter(|&&index| corners[index] == 0).count();
     empty as f64 / imaged.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use crate::intrinsics::synthetic::{Scene, grid, pinhole};
+    use crate::pose::{Pose, Twist};
+
+    /// A view of the whole board, its printed side turned by a rotation vector about the camera's axes.
+    fn view(name: &str, turn: DVec3, place: DVec3) -> BoardView {
+        let rotate = Pose::exp(Twist {
+            rotation: turn,
+            translation: DVec3::ZERO,
+        });
+        let rotation = rotate.rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let mut scene = Scene::new(pinhole(), 0, 0.0, 1);
+        scene.poses = vec![Pose {
+            rotation,
+            translation: place - rotation * DVec3::new(0.33, 0.33, 0.0),
+        }];
+        let mut view = scene.views(0.0, 1).remove(0);
+        view.name = name.to_owned();
+        view
+    }
+
+    #[test]
+    fn the_guide_asks_for_what_is_missing() {
+        let mut guide = Guide::new(&grid(), [1280, 720], Model::BrownConrady);
+        let straight = view("straight", DVec3::ZERO, DVec3::new(-0.2, -0.1, 1.6));
+        assert_eq!(guide.add(&straight, Some(0.5)), Taken::New);
+        assert_eq!(guide.add(&straight, Some(0.5)), Taken::Known);
+        assert_eq!(guide.add(&straight, Some(3.0)), Taken::Blurred { edge_width_px: 3.0 });
+        let advice = guide.advice();
+        assert_eq!(advice.tilts, [1, 0, 0, 0, 0]);
+        assert!(advice.next[0].contains("faces to the left"), "{:?}", advice.next);
+        assert!(advice.next[1].contains("right of the picture"), "{:?}", advice.next);
+
+        // The printed side turns about the vertical axis (y down): by a positive angle its normal -z swings to -x, the left.
+        for (index, tilt) in [1, 2, 3, 4].into_iter().enumerate() {
+            let turn = [DVec3::Y, -DVec3::Y, -DVec3::X, DVec3::X][index] * 0.5;
+            for distance in [1.1, 1.7] {
+                assert_eq!(guide.add(&view("tilted", turn, DVec3::Z * distance), None), Taken::New);
+            }
+            assert_eq!(guide.advice().tilts[tilt], 2, "{:?}", guide.advice());
+        }
+        let cells = guide.advice().corners;
+        assert_eq!(cells.iter().map(|count| *count as usize).sum::<usize>(), {
+            guide.views.iter().map(|(view, _)| view.corners.len()).sum::<usize>()
+        });
+    }
+
+    #[test]
+    fn views_that_are_alike_are_taken_once() {
+        let scene = Scene::new(pinhole(), 6, 0.5, 3);
+        let one = scene.views(0.0, 1);
+        // Each view three times, hardly moved: a camera held still.
+        let many: Vec<BoardView> = (0..3).flat_map(|take| scene.views(0.1, take)).collect();
+        let chosen = select(&many, [1280, 720], 10);
+        let mut places: Vec<usize> = chosen.iter().map(|index| index % one.len()).collect();
+        places.sort_unstable();
+        assert_eq!(places, [0, 1, 2, 3, 4, 5]);
+        assert_eq!(select(&many, [1280, 720], 4).len(), 4);
+        assert!(select(&[], [1280, 720], 4).is_empty());
+    }
 }

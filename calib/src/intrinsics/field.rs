@@ -214,3 +214,55 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + v * v, count + 1));
     (sum / count.max(1) as f64).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::LensModel;
+
+    fn lens(focal_px: f64) -> Intrinsics {
+        Intrinsics {
+            size_px: [640, 480],
+            focal_px: DVec2::splat(focal_px),
+            principal_point_px: DVec2::new(319.5, 239.5),
+            lens: LensModel::BrownConrady {
+                k1: 0.0,
+                k2: 0.0,
+                p1: 0.0,
+                p2: 0.0,
+                k3: 0.0,
+            },
+        }
+    }
+
+    /// A longer focal length enlarges the picture about its middle, which no rotation undoes; going back does at one distance.
+    #[test]
+    fn a_focal_length_differs_by_the_radius() {
+        let (first, second) = (lens(600.0), lens(600.6));
+        let radius = rms(grid([640, 480], [20, 15]).map(|pixel| pixel.distance(DVec2::new(319.5, 239.5))));
+        let far = Difference::new(&first, &second, [20, 15], Reach::Infinity)
+            .unwrap()
+            .rms_px(4.0);
+        assert!((far - radius * 0.001).abs() < 1e-4, "{far} {radius}");
+        let near = Difference::new(&first, &second, [20, 15], Reach::Distance(1.0))
+            .unwrap()
+            .rms_px(4.0);
+        assert!(near < 0.5 * far, "{near} {far}");
+        // The same said by a covariance of f alone, both ways moving together.
+        let mut covariance = DMatrix::zeros(9, 9);
+        covariance.view_mut((0, 0), (2, 2)).fill(0.36);
+        let map = UncertaintyMap::new(&first, &covariance, [20, 15], Reach::Infinity).unwrap();
+        assert!((map.rms_px() - far).abs() < 2e-3 * far, "{}", map.rms_px());
+        assert!(map.worst_px() > map.rms_px());
+    }
+
+    /// What moves the whole picture is the camera's own rotation, almost.
+    #[test]
+    fn a_shifted_centre_is_a_rotation() {
+        let first = lens(6000.0);
+        let mut second = first;
+        second.principal_point_px += DVec2::new(3.0, -2.0);
+        let difference = Difference::new(&first, &second, [20, 15], Reach::Infinity).unwrap();
+        assert!(difference.rms_px(4.0) < 0.01, "{}", difference.rms_px(4.0));
+    }
+}

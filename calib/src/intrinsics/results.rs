@@ -6,7 +6,7 @@ use super::{
     CalibratedView, Calibration, IntrinsicsError, MIN_VIEWS, Reach, RejectedBecause, RejectedCorner, RejectedView,
     Request, Residual, UncertaintyMap, Warning, coverage,
     problem::{Sighting, State, lens_part},
-    solve::{LeftOut, Solver},
+    solve::{LEAST_NOISE, LeftOut, Solver},
     start,
     warp::WARP,
 };
@@ -180,6 +180,7 @@ pub(super) fn calibration(
         .sum();
     let n_unknowns = n_parameters + WARP + 6 * solver.sightings.len();
     let variance = 2.0 * minimum.system.cost / (2 * n_used).saturating_sub(n_unknowns).max(1) as f64;
+    let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
     let covariance = minimum
         .system
         .shared_covariance()

@@ -30,6 +30,9 @@ const OUTLIER: f64 = 5.0;
 /// A view whose middle corner is further off than this many standard deviations has moved, or shows another board.
 const OUTLYING_VIEW: f64 = 4.0;
 
+/// Least noise, over `sigma_px`, that is believed: corners that are exact to the last digit have outliers of rounding.
+pub(super) const LEAST_NOISE: f64 = 0.01;
+
 /// Most rounds of naming outliers; corners on the edge could go in and out for ever.
 const MAX_ROUNDS: usize = 10;
 
@@ -144,7 +147,7 @@ impl Solver<'_> {
 
     /// Says anew which corners and views are believed; whether anything changed.
     fn judge(&mut self, state: &mut State) -> bool {
-        let noise = self.noise(state).unwrap_or(1.0).max(1e-9);
+        let noise = self.noise(state).unwrap_or(1.0).max(LEAST_NOISE);
         let mut changed = false;
         let mut keep = Vec::with_capacity(self.sightings.len());
         for (index, sighting) in self.sightings.iter_mut().enumerate() {

@@ -411,15 +411,7 @@ fn the_program_writes_the_ball_into_the_rig() {
     let inputs = [path("rig.toml"), path("pictures")];
     let run = |more: &[&str]| {
         let arguments = [
-            &[
-                "ball",
-                "--rig",
-                &inputs[0],
-                "--images",
-                &inputs[1],
-                "--camera",
-                "scene",
-            ][..],
+            &["ball", "--rig", &inputs[0], "--images", &inputs[1], "--camera", "scene"][..],
             more,
         ];
         std::process::Command::new(env!("CARGO_BIN_EXE_mirrorball-calib"))

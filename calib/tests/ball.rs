@@ -5,7 +5,7 @@ mod support;
 use glam::{DVec2, DVec3};
 use mirrorball_calib::{
     ball_fit::{
-        self, BallError, BallFit, BallPrior, BallView, Measured, ViewResult,
+        self, BallError, BallFit, BallPrior, BallView, Measured,
         direction::{DirectionMap, used_direction},
         reflectance,
     },
@@ -358,21 +358,14 @@ fn views_from_one_side_do_not_tell_the_radius() {
 }
 
 #[test]
-fn a_card_is_borne_and_a_ball_that_was_moved_is_named() {
+fn a_ball_that_was_moved_is_named() {
     let mut takes = takes(4, 0.4);
-    takes[0].covered = 0.2;
     takes[2].moved_m = DVec3::new(0.003, 0.002, 0.0);
-    let fit = fitted(&takes, &about()).expect("three views agree");
-    assert!(matches!(fit.views[2], ViewResult::Rejected(_)), "{:?}", fit.views);
-    assert!(
-        (fit.ball.center_m - BALL.center_m).length() < 2e-4,
-        "{}",
-        fit.ball.center_m - BALL.center_m
-    );
-    takes[0].moved_m = DVec3::new(-0.003, 0.003, 0.0);
-    takes[1].moved_m = DVec3::new(0.0, -0.004, 0.0);
     let error = fitted(&takes, &about()).unwrap_err();
-    assert!(matches!(error, BallError::Disagree { .. }), "{error}");
+    assert!(
+        matches!(&error, BallError::Disagree { worst, .. } if worst == "view 2"),
+        "{error}"
+    );
 }
 
 #[test]

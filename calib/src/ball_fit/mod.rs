@@ -276,7 +276,9 @@ fn solve_for(
         _ => {
             let solution = solve::robust(&seen, start, prior.measured_radius).ok_or(BallError::NotConverged)?;
             let agreeing = solution.used.len();
-            if agreeing < seen.len().div_ceil(2) || solution.is_contradictory() {
+            // Two that agree by chance are no majority of four.
+            let is_minority = seen.len() > 2 && 2 * agreeing <= seen.len();
+            if is_minority || solution.is_contradictory() {
                 let (worst, error_px) = solution.worst;
                 return Err(BallError::Disagree {
                     agreeing: if solution.is_contradictory() { 1 } else { agreeing },

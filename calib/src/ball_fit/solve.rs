@@ -125,6 +125,12 @@ impl Seen {
         Some((self.whiten * here, self.whiten * jacobian))
     }
 
+    /// How far this view's cone is from a solution's, pixels.
+    fn off_px(&self, state: &Vector5<f64>) -> f64 {
+        self.residual(state)
+            .map_or(f64::INFINITY, |residual| residual.norm() * self.px_per_rad)
+    }
+
     /// How this view's outline compares with a solution.
     pub(super) fn agreement(&self, solution: &Solution, sighting: &ConeSighting) -> Agreement {
         let residual = self.residual(&state(&solution.ball, solution.growth_px));
@@ -146,35 +152,25 @@ pub(super) fn robust(seen: &[Seen], start: &MirrorBall, radius: Option<Measured>
     let mut worst_of_all: Option<(usize, f64)> = None;
     loop {
         let (solved, normal) = solve(&used, state(start, 0.0), radius)?;
-        let deviations = used.iter().map(|view| {
-            let residual = view
-                .residual(&solved)
-                .map_or(f64::INFINITY, |r| (view.whiten * r).norm_squared());
-            let center_px = view
-                .residual(&solved)
-                .map_or(f64::INFINITY, |r| r.norm() * view.px_per_rad);
-            (residual, center_px)
-        });
-        let deviations: Vec<(f64, f64)> = deviations.collect();
-        let (position, worst) = deviations
-            .iter()
-            .enumerate()
-            .max_by(|a, b| a.1.0.total_cmp(&b.1.0))
-            .map(|(position, deviation)| (position, *deviation))?;
-        let freedom = (3 * used.len() + usize::from(radius.is_some()))
-            .saturating_sub(4)
-            .max(1);
-        let spread = deviations.iter().map(|(squared, _)| squared).sum::<f64>() / freedom as f64;
-        // A view is judged by the others' spread, so that many views with a common error are not all thrown away.
-        let others = (spread * freedom as f64 - worst.0) / (freedom as f64 - 3.0).max(1.0);
-        let furthest = worst_of_all.get_or_insert((used[position].index, worst.1));
-        if worst.0 > CONTRADICTION * others.max(1.0) && used.len() > fewest.max(2) {
-            if worst.1 > furthest.1 {
-                *furthest = (used[position].index, worst.1);
+        let freedom = |n_views: usize| (3 * n_views + usize::from(radius.is_some())).saturating_sub(4).max(1) as f64;
+        let sum = sum_of_squares(&used, &solved);
+        let furthest = used.iter().map(|view| (view.index, view.off_px(&solved)));
+        let furthest = furthest.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let worst = worst_of_all.get_or_insert(furthest);
+        // A wrong view pulls the solution, and all views are off then: the one without which the others agree best is wrong.
+        if used.len() > fewest.max(2)
+            && let Some((position, rest)) = best_without_one(&used, &solved, radius)
+            && sum - rest > CONTRADICTION * (rest / freedom(used.len() - 1)).max(1.0)
+        {
+            let removed = used.remove(position);
+            let (others, _) = solve(&used, solved, radius)?;
+            let off_px = removed.off_px(&others);
+            if off_px > worst.1 {
+                *worst = (removed.index, off_px);
             }
-            used.remove(position);
             continue;
         }
+        let spread = sum / freedom(used.len());
         let scale = spread.max(1.0).sqrt();
         let covariance = normal.try_inverse()? * (scale * scale);
         return Some(Solution {
@@ -186,9 +182,30 @@ pub(super) fn robust(seen: &[Seen], start: &MirrorBall, radius: Option<Measured>
             covariance_m2: covariance.fixed_view::<4, 4>(0, 0).into_owned(),
             scale,
             used: used.iter().map(|view| view.index).collect(),
-            worst: *furthest,
+            worst: *worst,
         });
     }
+}
+
+/// Sum of all views' squared deviations.
+fn sum_of_squares(seen: &[&Seen], state: &Vector5<f64>) -> f64 {
+    seen.iter()
+        .map(|view| {
+            let residual = view.residual(state);
+            residual.map_or(f64::INFINITY, |residual| (view.whiten * residual).norm_squared())
+        })
+        .sum()
+}
+
+/// The view without which the others agree best, and the sum of their squared deviations then.
+fn best_without_one(seen: &[&Seen], start: &Vector5<f64>, radius: Option<Measured>) -> Option<(usize, f64)> {
+    let without = |position: usize| {
+        let mut others = seen.to_vec();
+        others.remove(position);
+        let (solved, _) = solve(&others, *start, radius)?;
+        Some((position, sum_of_squares(&others, &solved)))
+    };
+    (0..seen.len()).filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 fn state(ball: &MirrorBall, growth_px: f64) -> Vector5<f64> {

@@ -51,7 +51,7 @@ test: setup
 # The same tests on real kernel drivers that `make test` runs among the others. Cases are chosen with
 # MIRRORBALL_DRIVER_CASES='name name'.
 test-drivers: setup
-	cargo build --release --locked -p mirrorball-capture -p mirrorball-driver-tests
+	cargo build --release --locked -p mirrorball-capture -p mirrorball-calib -p mirrorball-driver-tests
 	MIRRORBALL_REQUIRE_DRIVERS=1 cargo test --release --locked -p mirrorball-driver-tests -- --nocapture
 
 # Accuracy of the measured light on recordings with truth, and time and error of the maps made of it, beside their peers.

@@ -3,9 +3,7 @@
 # Says what it does; says and does nothing, and needs no network, when all is there.
 #
 # usage: scripts/setup.sh [--window] [--no-drivers] [--no-browser]
-# usage: scripts/setup.sh [--window] [--browser] [--no-drivers]
 #   --window      also the libraries that `mirrorball-render --window` loads at run time
-#   --browser     also Chromium (300 MB), in which the pages of reports are tested; the tests are skipped without it
 #   --no-drivers  not the virtual machine in which the tests on real camera drivers run; they are skipped then
 #   --no-browser  not the browser in which calibration reports are tested (300 MB); that test is skipped then
 set -euo pipefail
@@ -77,11 +75,9 @@ if command -v chromium chromium-browser google-chrome >/dev/null; then browser=n
 for option in "$@"; do
     case $option in
         --window) packages+=("${window_packages[@]}") ;;
-        --browser) packages+=("${browser_packages[@]}") ;;
         --no-drivers) drivers=no ;;
         --no-browser) browser=no ;;
         *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\`, \`--no-drivers\` and \`--no-browser\`" ;;
-        *) fail "unknown option \`$option\`" "scripts/setup.sh knows \`--window\`, \`--browser\` and \`--no-drivers\`" ;;
     esac
 done
 if [ $drivers = yes ]; then

@@ -160,7 +160,7 @@ impl Problem<'_> {
         if state.intrinsics.lens.model() == Model::Rational {
             let parameters = state.intrinsics.parameters();
             for (unknown, group) in self.free.groups.iter().enumerate() {
-                if let [index @ (9 | 10 | 11)] = group[..] {
+                if let [index @ 9..=11] = group[..] {
                     expected.push((unknown, parameters[index], EXPECTED_DENOMINATOR));
                 }
             }

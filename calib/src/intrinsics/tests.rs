@@ -269,7 +269,12 @@ fn what_cannot_be_calibrated_is_said() {
         matches!(error, IntrinsicsError::NoSuchCorner { last: 19, .. }),
         "{error}"
     );
+}
 
+#[test]
+fn mirrored_pictures_and_mixed_sizes_are_said() {
+    let scene = Scene::new(pinhole(), 12, 0.8, 5);
+    let views = scene.views(SIGMA_PX, 5);
     // A mirror.
     let mut mirrored = views.clone();
     for corner in mirrored.iter_mut().flat_map(|view| &mut view.corners) {

@@ -39,6 +39,16 @@ pub(crate) struct Args {
     out: Option<PathBuf>,
 }
 
+impl Args {
+    fn output(&self) -> OutputArgs {
+        OutputArgs {
+            out: self.out.clone(),
+            json: None,
+            report: None,
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Target {
     Opencv,
@@ -103,6 +113,7 @@ impl Explain for ConvertError {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output().check()?;
     let cameras = chosen(args)?;
     let format = match args.to {
         Target::Rig => return to_rig(args, &cameras, out),
@@ -217,10 +228,5 @@ fn to_rig(args: &Args, cameras: &[ForeignCamera], out: &mut impl Write) -> Resul
     if args.out.is_none() {
         return out.write_all(draft.to_toml().as_bytes()).map_err(CommandError::Output);
     }
-    let output = OutputArgs {
-        out: args.out.clone(),
-        json: None,
-        report: None,
-    };
-    Ok(output.write_rig(&draft)?)
+    Ok(args.output().write_rig(&draft)?)
 }

@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         print(args, file, &found, out)?;
     }
     if let Some(address) = &args.device {
-        let mut pictures = args.live.pictures(address)?;
+        let mut pictures = args.live.pictures(address)?.without_progress();
         while let Some(picture) = pictures.next() {
             let picture = picture?;
             let name = Path::new(&picture.name);

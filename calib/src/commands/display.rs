@@ -27,6 +27,7 @@ use super::{
     input::Pictures,
     output::OutputArgs,
     probe::canvas,
+    progress::Progress,
     sightings::RigText,
     view_list::{Rows, SigmaEntry, matrix_rows, rows},
 };
@@ -154,15 +155,19 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         )
         .map_err(CommandError::Output);
     }
-    let file = args.alignments.as_deref().unwrap_or(Path::new(""));
-    let alignments = alignments(args, file)?;
-    let found = solve(&alignments).map_err(DisplayFailure::from)?;
-    writeln!(out, "{}", sentences(&found).join("\n")).map_err(CommandError::Output)?;
     let output = OutputArgs {
         out: None,
         json: args.json.clone(),
         report: args.report.clone(),
     };
+    output.check()?;
+    let file = args.alignments.as_deref().unwrap_or(Path::new(""));
+    let alignments = alignments(args, file)?;
+    let found = {
+        let _progress = Progress::solve("finding eye and display");
+        solve(&alignments).map_err(DisplayFailure::from)?
+    };
+    writeln!(out, "{}", sentences(&found).join("\n")).map_err(CommandError::Output)?;
     output.write_json(&Numbers::of(&found))?;
     output.write_report(|| report(&found))?;
     Ok(())

@@ -18,6 +18,7 @@ use super::{
     explain::Explain,
     input::InputArgs,
     output::OutputArgs,
+    progress::Progress,
     sightings::{RigText, Seen, SightingsError},
     view_list::{
         RejectedEntry, Rows, SigmaEntry, ViewEntry, difference, matrix_rows, push_views, rejected_entries, rows,
@@ -125,6 +126,7 @@ struct Found {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     let rig = RigText::read(&args.rig)?;
     let mut draft = rig.draft(&args.output)?;
     let found = match &args.pair {
@@ -178,6 +180,7 @@ fn located(args: &Args, rig: &RigText) -> Result<Vec<Found>, CommandError> {
         cameras.push(camera);
     }
     let seen = rig.look(args.input.open().map_err(SightingsError::from)?, &cameras)?;
+    let _progress = Progress::solve("locating the cameras");
     let mut found = Vec::new();
     for (index, camera) in cameras.iter().enumerate() {
         let views = seen.iter().filter(|seen| seen.camera == index);
@@ -215,6 +218,7 @@ fn related(args: &Args, rig: &RigText, cameras: &[Camera; 2]) -> Result<Found, C
     }
     let seen = rig.look(args.input.open().map_err(SightingsError::from)?, cameras)?;
     let pairs = pairs(&seen, args.max_skew_ms);
+    let _progress = Progress::solve("relating the cameras");
     let place =
         pair([&first.intrinsics, &second.intrinsics], &pairs, markers).map_err(|source| ExtrinsicsError::Pair {
             first: first.name.clone(),

@@ -22,6 +22,7 @@ use super::{
     explain::Explain,
     input::Pictures,
     output::OutputArgs,
+    progress::Progress,
     sightings::RigText,
     view_list::{Rows, SigmaEntry, matrix_rows, rows},
 };
@@ -86,6 +87,12 @@ impl Explain for HandEyeFailure {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    let output = OutputArgs {
+        out: None,
+        json: args.json.clone(),
+        report: args.report.clone(),
+    };
+    output.check()?;
     let rig = RigText::read(&args.rig)?;
     let camera = rig.camera(&args.camera)?;
     if rig.parts.markers.is_empty() {
@@ -108,14 +115,12 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         .collect();
     let unlocated = seen.len() - moments.len();
     let clocks = if args.time_offset { Clocks::Offset } else { Clocks::Same };
-    let found = solve(&track, &moments, clocks).map_err(HandEyeFailure::from)?;
+    let found = {
+        let _progress = Progress::solve("relating camera and headset");
+        solve(&track, &moments, clocks).map_err(HandEyeFailure::from)?
+    };
     let text = sentences(&found, unlocated).join("\n");
     writeln!(out, "{text}").map_err(CommandError::Output)?;
-    let output = OutputArgs {
-        out: None,
-        json: args.json.clone(),
-        report: args.report.clone(),
-    };
     output.write_json(&Numbers::of(&found, &args.camera, unlocated))?;
     output.write_report(|| report(&found, unlocated))?;
     Ok(())

@@ -15,6 +15,7 @@ use super::{
     explain::Explain,
     input::InputArgs,
     output::OutputArgs,
+    progress::Progress,
     sightings::{RigText, SightingsError},
     view_list::{
         RejectedEntry, Rows, SigmaEntry, ViewEntry, difference, matrix_rows, push_views, rejected_entries, rows,
@@ -91,6 +92,7 @@ impl Explain for MarkersError {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     let rig = RigText::read(&args.rig)?;
     let camera = rig.camera(&args.camera)?;
     let main_marker = args.main.or(rig.parts.main_marker).ok_or(MarkersError::NoMain)?;
@@ -111,7 +113,10 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         sides_m: &sides_m,
         main_marker,
     };
-    let field = solve(&input).map_err(MarkersError::from)?;
+    let field = {
+        let _progress = Progress::solve("placing the markers");
+        solve(&input).map_err(MarkersError::from)?
+    };
     write_text(&field, &rig.parts, out).map_err(CommandError::Output)?;
     let mut draft = rig.draft(&args.output)?;
     draft.set_main_marker(main_marker);

@@ -33,6 +33,13 @@ impl Progress {
         progress
     }
 
+    /// No line at all.
+    pub(crate) fn hidden() -> Self {
+        Self {
+            bar: ProgressBar::hidden(),
+        }
+    }
+
     fn new(length: Option<u64>, template: &str) -> Self {
         // Hides itself where standard error is no terminal.
         let bar = ProgressBar::with_draw_target(length, ProgressDrawTarget::stderr());

@@ -67,6 +67,7 @@ fn corners(text: &str) -> Result<ChartCorners, String> {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     let rig = read_rig(&args.rig)?;
     let camera = |index: usize| {
         let name = args.cameras.get(index).map_or("", String::as_str);

@@ -1,7 +1,6 @@
 //! Pictures looked at one by one, with a word about each to the person before the camera.
 
 use super::{InputArgs, InputError, Picture};
-use crate::commands::progress::Progress;
 
 /// What a routine makes of a picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -14,46 +13,28 @@ pub(crate) enum Verdict {
     Enough,
 }
 
-/// How many pictures there were.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Collected {
-    /// Pictures looked at.
-    pub(crate) seen: usize,
-    /// Pictures used.
-    pub(crate) used: usize,
-}
-
-/// Shows a routine every picture of the input until there are no more, or, from a camera, until it has enough. Advice stands
-/// beside the progress bar on a terminal; used pictures are kept where `--keep` says.
+/// Shows a routine every picture of the input until there are no more, or, from a camera, until it has enough. There a
+/// person is told on the terminal what has become of the picture, and used pictures are kept where `--keep` says.
 pub(crate) fn collect<E: From<InputError>>(
     input: &InputArgs,
     mut look: impl FnMut(&Picture) -> Result<Verdict, E>,
-) -> Result<Collected, E> {
+) -> Result<(), E> {
     let mut pictures = input.open()?;
-    let progress = Progress::pictures(pictures.expected());
-    let mut collected = Collected::default();
     while let Some(picture) = pictures.next() {
         let picture = picture?;
         let verdict = look(&picture)?;
-        progress.tick(&picture.name);
-        collected.seen += 1;
-        let (is_used, advice) = match &verdict {
-            Verdict::Used(advice) => (true, advice.as_str()),
-            Verdict::Skipped(advice) => (false, advice.as_str()),
-            Verdict::Enough => (true, "enough"),
-        };
-        if pictures.is_live() {
-            progress.say(advice);
-        }
-        if is_used {
-            collected.used += 1;
+        if !matches!(verdict, Verdict::Skipped(_)) {
             pictures.keep(&picture)?;
         }
-        if pictures.is_live() && verdict == Verdict::Enough {
-            break;
+        if !pictures.is_live() {
+            continue;
+        }
+        match &verdict {
+            Verdict::Used(advice) | Verdict::Skipped(advice) => pictures.progress.say(advice),
+            Verdict::Enough => break,
         }
     }
-    Ok(collected)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -92,7 +73,7 @@ mod tests {
     fn every_picture_of_a_folder_is_looked_at() {
         let (_folder, input) = folder_of(5);
         let mut widths = Vec::new();
-        let collected = collect::<InputError>(&input, |picture| {
+        collect::<InputError>(&input, |picture| {
             widths.push(picture.rgb.width());
             // A folder is read to its end, however early there is enough.
             Ok(match picture.rgb.width() {
@@ -103,7 +84,6 @@ mod tests {
         })
         .unwrap();
         assert_eq!(widths, [4, 5, 6, 7, 8]);
-        assert_eq!(collected, Collected { seen: 5, used: 4 });
     }
 
     #[test]

@@ -17,8 +17,8 @@ use mirrorball_capture::{
     v4l2::{CameraAddress, StreamError, V4l2Error},
 };
 
-use super::explain::Explain;
-pub(crate) use collect::{Collected, Verdict, collect};
+use super::{explain::Explain, progress::Progress};
+pub(crate) use collect::{Verdict, collect};
 use live::Live;
 pub(crate) use live::LiveArgs;
 
@@ -159,9 +159,10 @@ fn camera_hint(error: &V4l2Error) -> &'static str {
     }
 }
 
-/// Pictures, one after the other.
+/// Pictures, one after the other. While they come, a line on the terminal says how many have.
 pub(crate) struct Pictures {
     origin: Origin,
+    progress: Progress,
     /// Where pictures that are used are saved.
     keep: Option<PathBuf>,
 }
@@ -195,20 +196,29 @@ impl LiveArgs {
                 source,
             })?;
         }
-        Ok(Pictures {
-            origin: Origin::Live(Box::new(self.open(address)?)),
-            keep: self.keep.clone(),
-        })
+        let live = Box::new(self.open(address)?);
+        Ok(Pictures::new(Origin::Live(live), self.keep.clone()))
     }
 }
 
 impl Pictures {
+    fn new(origin: Origin, keep: Option<PathBuf>) -> Self {
+        // The frames of a recording are not counted before it is played.
+        let expected = match &origin {
+            Origin::Files(files) => Some(files.len()),
+            Origin::Recording { .. } => None,
+            Origin::Live(live) => live.expected(),
+        };
+        Self {
+            origin,
+            progress: Progress::pictures(expected),
+            keep,
+        }
+    }
+
     /// The pictures in a folder, by name.
     pub(crate) fn of_folder(folder: &Path) -> Result<Self, InputError> {
-        Ok(Self {
-            origin: Origin::Files(files(folder)?.into_iter()),
-            keep: None,
-        })
+        Ok(Self::new(Origin::Files(files(folder)?.into_iter()), None))
     }
 
     /// The frames of a recording, in the order of time.
@@ -217,26 +227,23 @@ impl Pictures {
             path: path.to_owned(),
             source: Box::new(source),
         })?;
-        Ok(Self {
-            origin: Origin::Recording {
-                path: path.to_owned(),
-                source,
-            },
-            keep: None,
-        })
+        let origin = Origin::Recording {
+            path: path.to_owned(),
+            source,
+        };
+        Ok(Self::new(origin, None))
     }
 
-    /// How many pictures there will be, where that is known: for a progress bar.
-    pub(crate) fn expected(&self) -> Option<usize> {
-        match &self.origin {
-            Origin::Files(files) => Some(files.len()),
-            Origin::Recording { .. } => None,
-            Origin::Live(live) => live.expected(),
+    /// The same without the line on the terminal: for those who print one for each picture.
+    pub(crate) fn without_progress(self) -> Self {
+        Self {
+            progress: Progress::hidden(),
+            ..self
         }
     }
 
     /// Whether a person stands before the camera now, who can be told what to do.
-    pub(crate) fn is_live(&self) -> bool {
+    fn is_live(&self) -> bool {
         matches!(self.origin, Origin::Live(_))
     }
 
@@ -252,10 +259,20 @@ impl Iterator for Pictures {
     type Item = Result<Picture, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match &mut self.origin {
-            Origin::Files(files) => files.next().map(|file| read(&file)),
-            Origin::Live(live) => live.next(),
-            Origin::Recording { path, source } => loop {
+        let next = self.origin.next();
+        if let Some(Ok(picture)) = &next {
+            self.progress.tick(&picture.name);
+        }
+        next
+    }
+}
+
+impl Origin {
+    fn next(&mut self) -> Option<Result<Picture, InputError>> {
+        match self {
+            Self::Files(files) => files.next().map(|file| read(&file)),
+            Self::Live(live) => live.next(),
+            Self::Recording { path, source } => loop {
                 match source.next_frame(TIMEOUT) {
                     Ok(Next::Frame(frame)) => return Some(picture(&frame)),
                     Ok(Next::TimedOut) => {}

@@ -2,29 +2,30 @@
 
 mod corners;
 mod error;
+mod look;
 mod numbers;
 mod page;
 
 use std::{fs, io::Write, path::PathBuf};
 
 use mirrorball_calib::{
-    board::{Board, BoardDetector, BoardView},
+    board::{Board, BoardView},
     camera::Model,
-    intrinsics::{Calibration, Guide, MIN_VIEWS, Request, calibrate, common_size, select},
+    intrinsics::{Calibration, Guide, Request, calibrate},
     response::ResponseCurve,
     rig::{RigDraft, Role},
 };
 
 use super::{
     CommandError,
-    input::{InputArgs, Picture},
+    input::InputArgs,
     output::{OutputArgs, draft},
     progress::Progress,
 };
 use error::IntrinsicsCommandError;
 
-/// Most views that are solved for; more add nothing that the most different of them do not say.
-const MAX_VIEWS: usize = 150;
+/// Pictures without a board that the table names; the page and the numbers name all.
+const NAMED: usize = 10;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -78,6 +79,7 @@ struct Outcome<'a> {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     let board = read_board(args)?;
     let mut rig = match &args.output.out {
         Some(file) => draft(file)?,
@@ -85,7 +87,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     };
     let views = match &args.corners {
         Some(file) => corners::read(file)?,
-        None => look(args, &board, &response(args, &rig)?)?,
+        None => look::look(args, &board, &response(args, &rig)?)?,
     };
     if let Some(file) = &args.corners_out {
         corners::write(file, &views)?;
@@ -155,72 +157,6 @@ fn response(args: &Args, rig: &RigDraft) -> Result<ResponseCurve, IntrinsicsComm
     })?;
     let photometry = parts.camera(&args.camera).and_then(|camera| camera.photometry.as_ref());
     Ok(photometry.map_or_else(ResponseCurve::srgb, |photometry| photometry.response.clone()))
-}
-
-/// Looks for the board in every picture.
-fn look(args: &Args, board: &Board, response: &ResponseCurve) -> Result<Views, CommandError> {
-    let mut detector = BoardDetector::new(board);
-    let pictures = args.input.open()?;
-    let progress = Progress::pictures(pictures.expected());
-    let (mut views, mut sizes) = (Vec::new(), Vec::new());
-    let (mut edge_widths_px, mut not_found) = (Vec::new(), Vec::new());
-    let mut n_pictures = 0;
-    for picture in pictures {
-        let picture = picture?;
-        if !is_of(&picture, &args.camera) {
-            continue;
-        }
-        n_pictures += 1;
-        progress.tick(&picture.name);
-        let (width, height) = picture.rgb.dimensions();
-        sizes.push((picture.name.clone(), [width, height]));
-        match detector.detect(
-            &picture.name,
-            picture.rgb.as_raw(),
-            [width as usize, height as usize],
-            response,
-        ) {
-            Ok(found) => {
-                views.push(found.view);
-                edge_widths_px.push(Some(found.edge_width_px));
-            }
-            Err(error) => not_found.push((picture.name, error.reason.to_string())),
-        }
-    }
-    if n_pictures == 0 {
-        return Err(IntrinsicsCommandError::NoPicture {
-            camera: args.camera.clone(),
-        }
-        .into());
-    }
-    let size_px = common_size(&sizes).map_err(IntrinsicsCommandError::Calibrate)?;
-    if views.len() < MIN_VIEWS {
-        return Err(IntrinsicsCommandError::NoBoard {
-            found: views.len(),
-            pictures: n_pictures,
-            needed: MIN_VIEWS,
-            example: not_found
-                .into_iter()
-                .next()
-                .map(|(name, reason)| format!("; `{name}`: {reason}"))
-                .unwrap_or_default(),
-        }
-        .into());
-    }
-    let chosen = select(&views, size_px, MAX_VIEWS);
-    let n_alike = views.len() - chosen.len();
-    Ok(Views {
-        size_px,
-        views: chosen.iter().map(|&index| views[index].clone()).collect(),
-        edge_widths_px: chosen.iter().map(|&index| edge_widths_px[index]).collect(),
-        not_found,
-        n_alike,
-    })
-}
-
-/// Pictures in a folder are all of the camera that is calibrated.
-fn is_of(picture: &Picture, camera: &str) -> bool {
-    picture.camera.as_ref().is_none_or(|of| of == camera)
 }
 
 /// What the views that took part cover.
@@ -298,8 +234,12 @@ fn write_table(outcome: &Outcome<'_>, out: &mut impl Write) -> std::io::Result<(
             view.rms_px, view.worst_px
         )?;
     }
-    for (name, reason) in page::rejected(outcome) {
+    let rejected = page::rejected(outcome);
+    for (name, reason) in rejected.iter().take(NAMED) {
         writeln!(out, "{name:<29} not used: {reason}")?;
+    }
+    if rejected.len() > NAMED {
+        writeln!(out, "and {} more that were not used", rejected.len() - NAMED)?;
     }
     if outcome.views.n_alike > 0 {
         writeln!(

@@ -9,7 +9,7 @@ use std::{io::Write, path::PathBuf};
 
 use mirrorball_calib::rig::Role;
 
-use super::{CommandError, input::InputArgs, output::OutputArgs};
+use super::{CommandError, input::InputArgs, output::OutputArgs, progress::Progress};
 pub(crate) use error::PhotometricError;
 use measure::Measured;
 
@@ -59,11 +59,15 @@ fn role(name: &str) -> Result<Role, String> {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     if args.output.out.is_some() && args.response == ResponseFrom::FitChannels {
         return Err(PhotometricError::ChannelsToRig.into());
     }
     let series = series::read(args)?;
-    let measured = measure::measure(args, &series)?;
+    let measured = {
+        let _progress = Progress::solve("measuring response, noise and vignetting");
+        measure::measure(args, &series)?
+    };
     if let Some(file) = &args.output.out {
         let mut draft = super::output::draft(file)?;
         let parts = draft.parts(file).map_err(|source| CommandError::Rig {

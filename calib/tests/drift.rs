@@ -108,6 +108,28 @@ fn a_focal_length_one_percent_off_is_named() {
 }
 
 #[test]
+fn a_ball_three_millimetres_off_is_named() {
+    for axis in 0..3 {
+        let (code, error, numbers) = with_changed("moving_lamp", |rig| {
+            let place = &mut rig["ball"]["center_m"][axis];
+            *place = toml::Value::Float(place.as_float().unwrap() + 0.003);
+        });
+        assert_eq!(code, Some(1), "{error}");
+        assert!(error.contains("the ball has moved by "), "{error}");
+        assert!(error.contains("`mirrorball-calib ball`"), "{error}");
+        assert_eq!(numbers["findings"][0]["kind"], "ball_moved");
+        // Seen from the rig's place, the true ball lies the other way. The recording's two pictures were taken from nearly
+        // the same place, and say little along their line of sight.
+        let shift = numbers["ball"]["shift_m"].as_array().unwrap();
+        let off_squared: f64 = (0..3)
+            .map(|index| shift[index].as_f64().unwrap() + if index == axis { 0.003 } else { 0.0 })
+            .map(|off| off * off)
+            .sum();
+        assert!(off_squared.sqrt() < 0.0015, "{shift:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_checked_is_bad_input() {
     let rig = recording("fisheye").join("rig.toml");
     let output = check(&[&rig]);

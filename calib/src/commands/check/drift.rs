@@ -4,7 +4,9 @@ use std::{io::Write, path::PathBuf};
 
 use mirrorball_calib::{
     report::{Block, Plot, Report},
-    rig::drift::{CameraFit, Displacement, Drift, DriftCheck, DriftError, Finding, MarkerFit},
+    rig::drift::{
+        BallCheck, BallPlace, CameraFit, Displacement, Drift, DriftCheck, DriftError, Finding, MATTERS, MarkerFit,
+    },
 };
 use serde::Serialize;
 
@@ -47,24 +49,36 @@ impl Explain for CheckError {
 /// Says what has drifted, writes what is to be written, and gives the error if anything has.
 pub(super) fn conclude(
     check: &DriftCheck<'_>,
+    ball: Option<&BallCheck>,
     args: &Args,
     out: &mut impl Write,
 ) -> Result<Option<CheckError>, CommandError> {
     let progress = Progress::solve("looking for what has changed");
     let verdict = check.verdict(&|suspect| progress.say(&format!("{suspect:?}")));
     drop(progress);
+    let place = ball.and_then(BallCheck::place);
+    let moved = place.as_ref().and_then(|place| place.finding(&MATTERS));
     let drift = match verdict {
-        Ok(drift) => Some(drift),
+        Ok(mut drift) => {
+            // Where anything else has moved, the cameras may not be where they seem to be, and so the ball.
+            if drift.holds() {
+                drift.findings.extend(moved);
+            }
+            Some(drift)
+        }
         // A rig of one marker has nothing to be held against, which is no fault of it.
         Err(error @ DriftError::TooLittle { .. }) => {
             writeln!(out, "rig: cannot be judged: {error}").map_err(CommandError::Output)?;
-            None
+            moved.map(|moved| alone(moved, &error))
         }
         Err(error @ DriftError::NotConverged) => return Err(CheckError::Drift(error).into()),
     };
     let outputs = args.outputs();
-    outputs.write_json(&Numbers::of(args, drift.as_ref()))?;
-    outputs.write_report(|| page(args, drift.as_ref()))?;
+    outputs.write_json(&Numbers::of(args, drift.as_ref(), place.as_ref()))?;
+    outputs.write_report(|| page(args, drift.as_ref(), place.as_ref()))?;
+    if let Some(place) = &place {
+        writeln!(out, "{}", ball_sentence(place)).map_err(CommandError::Output)?;
+    }
     let Some(drift) = drift else { return Ok(None) };
     write(&drift, out).map_err(CommandError::Output)?;
     if drift.holds() {
@@ -74,6 +88,25 @@ pub(super) fn conclude(
         findings: drift.findings.iter().map(ToString::to_string).collect(),
         hint: remedy(&drift.findings),
     }))
+}
+
+/// The one finding about a rig of which nothing else can be said.
+fn alone(finding: Finding, error: &DriftError) -> Drift {
+    let pictures = match *error {
+        DriftError::TooLittle { pictures } => pictures,
+        DriftError::NotConverged => 0,
+    };
+    Drift {
+        pictures,
+        lost: 0,
+        cameras: Vec::new(),
+        markers: Vec::new(),
+        findings: vec![finding],
+    }
+}
+
+fn ball_sentence(place: &BallPlace) -> String {
+    format!("ball: outline found in {} pictures, off by {place}", place.pictures)
 }
 
 /// The routines to run, each once.
@@ -127,7 +160,18 @@ struct Numbers {
     lost: usize,
     cameras: Vec<CameraEntry>,
     markers: Vec<MarkerEntry>,
+    /// Null when no picture shows a ball.
+    ball: Option<BallEntry>,
     findings: Vec<FindingEntry>,
+}
+
+#[derive(Serialize)]
+struct BallEntry {
+    pictures: usize,
+    /// From where the rig has it, in the world.
+    shift_m: [f64; 3],
+    /// Along the shift.
+    shift_sigma_m: f64,
 }
 
 #[derive(Serialize)]
@@ -168,7 +212,7 @@ struct FindingEntry {
 }
 
 impl Numbers {
-    fn of(args: &Args, drift: Option<&Drift>) -> Self {
+    fn of(args: &Args, drift: Option<&Drift>, ball: Option<&BallPlace>) -> Self {
         let list = |drift: Option<&Drift>| drift.map(|drift| drift.findings.iter().map(FindingEntry::of).collect());
         Self {
             subject: args.subject.clone(),
@@ -178,6 +222,11 @@ impl Numbers {
             lost: drift.map_or(0, |drift| drift.lost),
             cameras: drift.map_or_else(Vec::new, |drift| drift.cameras.iter().map(CameraEntry::of).collect()),
             markers: drift.map_or_else(Vec::new, |drift| drift.markers.iter().map(MarkerEntry::of).collect()),
+            ball: ball.map(|place| BallEntry {
+                pictures: place.pictures,
+                shift_m: place.shift_m.to_array(),
+                shift_sigma_m: place.sigma_m,
+            }),
             findings: list(drift).unwrap_or_default(),
         }
     }
@@ -227,6 +276,7 @@ impl FindingEntry {
             Finding::CameraMoved {
                 camera, displacement, ..
             } => ("camera_moved", Some(camera.clone()), Some(displacement), None),
+            Finding::BallMoved { .. } => ("ball_moved", None, None, None),
             Finding::Unexplained { .. } => ("unexplained", None, None, None),
         };
         Self {
@@ -241,10 +291,13 @@ impl FindingEntry {
     }
 }
 
-fn page(args: &Args, drift: Option<&Drift>) -> Report {
+fn page(args: &Args, drift: Option<&Drift>, ball: Option<&BallPlace>) -> Report {
     let mut report = Report::new("Does the rig still hold?");
     let recording = args.recording.as_ref().unwrap_or(&args.subject);
     report.push(Block::Text(format!("Recording: {}", recording.display())));
+    if let Some(place) = ball {
+        report.push(Block::Text(ball_sentence(place)));
+    }
     let Some(drift) = drift else {
         let text = "No two markers of the rig are seen together: nothing can be held against anything.";
         report.push(Block::Warning(text.to_owned()));

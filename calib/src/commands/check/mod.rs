@@ -11,11 +11,13 @@ use std::{
 };
 
 use mirrorball_calib::{
+    pose::Pose,
+    probe::{View, radiance::Picture},
     resection::{self, Located, NoPose},
     rig::{
-        Rig,
+        Camera, Rig, Role,
         check::{RigCheck, RigMismatch},
-        drift::DriftCheck,
+        drift::{BallCheck, DriftCheck},
     },
     tag::{self, Detection, Finder},
 };
@@ -68,7 +70,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     replay.run(&mut *source, args, out)?;
     replay.summary.write(out).map_err(CommandError::Output)?;
     replay.rig_check.verdict().map_err(mismatch)?;
-    let drifted = drift::conclude(&replay.drift, args, out)?;
+    let drifted = drift::conclude(&replay.drift, replay.ball.as_ref(), args, out)?;
     let summary = replay.summary;
     if let Some(error) = drifted {
         return Err(error.into());
@@ -88,6 +90,8 @@ struct Replay<'a> {
     finder: Finder,
     rig_check: RigCheck<'a>,
     drift: DriftCheck<'a>,
+    /// `None` when the rig has no ball.
+    ball: Option<BallCheck>,
     /// Frames so far, of every camera.
     n_seen: Vec<usize>,
     summary: Summary,
@@ -100,6 +104,7 @@ impl<'a> Replay<'a> {
             finder: Finder::new(&families(rig)),
             rig_check: RigCheck::new(rig),
             drift: DriftCheck::new(rig),
+            ball: BallCheck::new(rig),
             n_seen: vec![0; rig.cameras.len()],
             summary: Summary::default(),
         }
@@ -146,12 +151,28 @@ impl<'a> Replay<'a> {
         }
         let detections = self.find(frame, index)?;
         self.drift.add(&camera.name, &detections);
+        if let (Some(pose), Role::Ball) = (camera.camera_from_world, camera.role) {
+            self.look_at_ball(frame, camera, pose);
+        }
         if is_scene {
             let result = resection::locate(&detections, self.rig, &camera.intrinsics);
+            if let Ok(located) = &result {
+                self.look_at_ball(frame, camera, located.camera_from_world);
+            }
             write_frame(frame, &result, out).map_err(CommandError::Output)?;
             self.summary.add(&result);
         }
         Ok(())
+    }
+
+    fn look_at_ball(&mut self, frame: &Frame, camera: &Camera, camera_from_world: Pose) {
+        if let Some(ball) = &mut self.ball {
+            ball.add(&View {
+                picture: Picture::new(frame, camera),
+                camera,
+                camera_from_world,
+            });
+        }
     }
 
     fn find(&mut self, frame: &Frame, camera: usize) -> Result<Vec<Detection>, CommandError> {

@@ -8,9 +8,12 @@
 //! standard deviations; a marker that moves the poses does not hide itself. Where a fixed camera stands is asked at the end,
 //! of all markers but the ones that have moved.
 //!
+//! Whether the mirror ball is in its place its outline tells ([`BallCheck`]).
+//!
 //! What this cannot tell: which of two markers has moved when there are no others; how exposure and colour have changed,
-//! since the light may have; where the ball is.
+//! since the light may have.
 
+mod ball;
 mod problem;
 mod solve;
 mod verdict;
@@ -22,6 +25,7 @@ use crate::{
     resection::{self, NoPose},
     tag::Detection,
 };
+pub use ball::{BallCheck, BallPlace};
 pub use problem::Suspect;
 use problem::{Block, Observation, Problem};
 pub use verdict::{CameraFit, Displacement, Drift, Finding, LensChange, MarkerFit};

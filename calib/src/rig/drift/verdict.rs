@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use super::{
     super::{Camera, Rig},
     AS_GOOD, CHANCE, Matters,
+    ball::BallPlace,
     problem::{Problem, Suspect},
     solve::Explanation,
 };
@@ -104,6 +105,11 @@ pub enum Finding {
         /// What else would explain the pictures as well.
         or: Vec<String>,
     },
+    /// The mirror ball stands elsewhere.
+    BallMoved {
+        /// Where.
+        place: BallPlace,
+    },
     /// The pictures fit badly, and nothing alone is to blame.
     Unexplained {
         /// Residuals in units of what corners of their size should have.
@@ -142,6 +148,7 @@ impl Finding {
             Self::MarkerMoved { .. } => "markers",
             Self::LensChanged { .. } | Self::Unexplained { .. } => "intrinsics",
             Self::CameraMoved { .. } => "extrinsics",
+            Self::BallMoved { .. } => "ball",
         }
     }
 }
@@ -184,6 +191,17 @@ impl fmt::Display for Finding {
             } => {
                 write!(formatter, "fixed camera `{camera}` has moved by {displacement}")?;
                 or.iter().try_for_each(|other| write!(formatter, ", or {other}"))
+            }
+            Self::BallMoved { place } => {
+                let [x, y, z] = (1e3 * place.shift_m).to_array();
+                write!(
+                    formatter,
+                    "the ball has moved by {place} ({x:+.2}, {y:+.2}, {z:+.2} mm in the world)"
+                )?;
+                match &place.only_camera {
+                    Some(camera) => write!(formatter, ", or camera `{camera}` has, which alone shows it"),
+                    None => Ok(()),
+                }
             }
             Self::Unexplained { ratio } => write!(
                 formatter,

@@ -36,7 +36,9 @@
 //! # What is in here
 //!
 //! [`rig`] reads `rig.toml` into checked types, [`tag`] finds markers in pictures, [`resection`] turns them into a
-//! pose; [`probe`] turns a picture of a mirror ball or of a fisheye camera into radiance from every direction, [`lights`]
+//! pose; [`board`] finds calibration boards, [`intrinsics`] turns them into a lens, [`interchange`] speaks other programs'
+//! files; [`extrinsics`], [`ball_fit`], [`photometric`], [`color`] and [`timing`] measure the rest of a rig, with
+//! [`least_squares`] under them and [`report`] to tell a person; [`probe`] turns a picture of a mirror ball or of a fisheye camera into radiance from every direction, [`lights`]
 //! that into a few lights; [`merge`] makes one radiance of several exposures, [`response_fit`] finds
 //! the response of the camera that took them; [`camera`], [`pose`], [`response`] and [`photometry`] are what they stand on.
 //!

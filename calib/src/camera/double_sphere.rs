@@ -46,7 +46,7 @@ impl DoubleSphere {
         ]
     }
 
-    /// Radius at which the picture ends: for α > 1/2 where it folds back, `1 / √(2α - 1)` (equation 50), else infinite.
+    /// Radius at which the picture ends: for α > 1/2 where it folds back, `1 / √(2α - 1)` (the paper's bound for unprojection), else infinite.
     pub(super) fn largest_radius(&self) -> f64 {
         self.unified().largest_radius()
     }
@@ -55,7 +55,7 @@ impl DoubleSphere {
     /// triangle of the two centres and the point gives `θ = φ + asin(ξ sin φ)`.
     ///
     /// At the largest radius this is the widest angle that has a pixel of its own. The paper's equation 44 for that angle
-    /// is not the inverse of its equation 50: for ξ > 0 it cuts some of the picture, for ξ < 0 it may leave too much.
+    /// is not the inverse of that bound: for ξ > 0 it cuts some of the picture, for ξ < 0 it may leave too much.
     pub(super) fn angle(&self, radius: f64) -> f64 {
         let from_second = self.unified().angle(radius);
         from_second + (self.xi * from_second.sin()).asin()

@@ -12,7 +12,7 @@ pub(super) struct Eucm {
 }
 
 impl Eucm {
-    /// `d = √(β sin² θ + cos² θ)` and the denominator `D = α d + (1 - α) cos θ` of equation 6.
+    /// `d = √(β sin² θ + cos² θ)` and the denominator `D = α d + (1 - α) cos θ` of the paper's projection.
     fn parts(&self, angle: f64) -> (f64, f64) {
         let (sine, cosine) = angle.sin_cos();
         let distance = (self.beta * sine * sine + cosine * cosine).sqrt();

@@ -87,7 +87,7 @@ pub enum LensModel {
         /// Angle to the optical axis, in radians, beyond which nothing is imaged.
         max_angle_rad: f64,
     },
-    /// Enhanced unified camera model, for lenses of any width (Khomutenko, Garcia and Martinet 2016, equation 6; Kalibr's
+    /// Enhanced unified camera model, for lenses of any width (Khomutenko, Garcia and Martinet 2016; Kalibr's
     /// `eucm`).
     ///
     /// With `d = √(β (X² + Y²) + Z²)`, `x' = X / (α d + (1 - α) Z)`, likewise for `y'`.

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, Matrix6, Vector6};
 use crate::{
     camera::Intrinsics,
     least_squares::{
-        arrow::{self, ArrowProblem, ArrowSystem, BLOCK, Minimum, SolveError},
+        arrow::{self, ArrowProblem, ArrowSystem, BLOCK, Minimum, SolveError, Weighted},
         loss::Loss,
     },
     pose::{Pose, Twist},
@@ -500,13 +500,11 @@ impl ArrowProblem for Problem<'_> {
                 for (place, derivatives) in eye.into_iter().chain(square) {
                     by_shared.extend((0..BLOCK).map(|i| (place + i, derivatives[i])));
                 }
-                system.add(
-                    sighting.station,
-                    &by_shared,
-                    &look.by_station[axis],
-                    look.residual[axis],
-                    weight / (sigma * sigma),
-                );
+                let weighted = Weighted {
+                    residual: look.residual[axis],
+                    weight: weight / (sigma * sigma),
+                };
+                system.add(sighting.station, &by_shared, &look.by_station[axis], weighted);
             }
         }
         // A station of which nothing counts stays where it is.

@@ -8,7 +8,7 @@ use super::warp::{WARP, WarpedBoard};
 use crate::{
     camera::{Intrinsics, Jacobians, Model},
     least_squares::{
-        arrow::{ArrowProblem, ArrowSystem},
+        arrow::{ArrowProblem, ArrowSystem, Weighted},
         loss::Loss,
     },
     pose::{Pose, Twist},
@@ -141,7 +141,11 @@ impl Problem<'_> {
                     by_shared.extend((0..WARP).map(|i| (self.free.groups.len() + i, basis[i] * by_z)));
                 }
                 let by_block = by_pose(point, jacobians.by_point[axis]);
-                system.add(0, &by_shared, &by_block, residual[axis], weight / (sigma * sigma));
+                let weighted = Weighted {
+                    residual: residual[axis],
+                    weight: weight / (sigma * sigma),
+                };
+                system.add(0, &by_shared, &by_block, weighted);
             }
         }
         Some(system)
@@ -204,7 +208,13 @@ impl ArrowProblem for Problem<'_> {
             system.blocks.append(&mut part.blocks);
         }
         for (unknown, value, sigma) in self.expectations(state) {
-            system.add_shared(&[(unknown, 1.0)], value, sigma.powi(-2));
+            system.add_shared(
+                &[(unknown, 1.0)],
+                Weighted {
+                    residual: value,
+                    weight: sigma.powi(-2),
+                },
+            );
         }
         system.cost += self.unexpected(state);
         Some(system)

@@ -55,6 +55,15 @@ pub struct ArrowBlock {
     pub coupling: DMatrix<f64>,
 }
 
+/// A residual and its weight in the sum of squares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weighted {
+    /// The residual.
+    pub residual: f64,
+    /// The weight.
+    pub weight: f64,
+}
+
 /// How far a solve has come.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Iteration {
@@ -111,15 +120,9 @@ impl ArrowSystem {
 
     /// Adds a residual that knows one block and the shared unknowns listed in `by_shared` as (index, derivative). The
     /// residual's cost is not added.
-    pub fn add(
-        &mut self,
-        block: usize,
-        by_shared: &[(usize, f64)],
-        by_block: &Vector6<f64>,
-        residual: f64,
-        weight: f64,
-    ) {
-        self.add_shared(by_shared, residual, weight);
+    pub fn add(&mut self, block: usize, by_shared: &[(usize, f64)], by_block: &Vector6<f64>, weighted: Weighted) {
+        self.add_shared(by_shared, weighted);
+        let Weighted { residual, weight } = weighted;
         let block = &mut self.blocks[block];
         block.normal += by_block * by_block.transpose() * weight;
         block.gradient += by_block * (weight * residual);
@@ -131,7 +134,8 @@ impl ArrowSystem {
     }
 
     /// Adds a residual that knows shared unknowns only, such as an expectation. The residual's cost is not added.
-    pub fn add_shared(&mut self, by_shared: &[(usize, f64)], residual: f64, weight: f64) {
+    pub fn add_shared(&mut self, by_shared: &[(usize, f64)], weighted: Weighted) {
+        let Weighted { residual, weight } = weighted;
         for &(row, a) in by_shared {
             self.shared_gradient[row] += weight * a * residual;
             for &(column, b) in by_shared {
@@ -174,7 +178,7 @@ impl ArrowSystem {
     /// The step that Levenberg and Marquardt take.
     fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<Vector6<f64>>)> {
         let (complement, gradient) = self.eliminate(damping)?;
-        let shared = -scaled_solve(complement, &gradient)?;
+        let shared = -scaled_solve(&complement, &gradient)?;
         let mut blocks = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
             let right = block.gradient + block.coupling.transpose() * &shared;
@@ -310,14 +314,12 @@ fn scaled(matrix: &DMatrix<f64>, scales: &DVector<f64>) -> DMatrix<f64> {
     })
 }
 
-fn scaled_solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+fn scaled_solve(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.is_empty() {
         return Some(DVector::zeros(0));
     }
-    let scales = scales(&matrix)?;
-    let solution = scaled(&matrix, &scales)
-        .cholesky()?
-        .solve(&right.component_mul(&scales));
+    let scales = scales(matrix)?;
+    let solution = scaled(matrix, &scales).cholesky()?.solve(&right.component_mul(&scales));
     Some(solution.component_mul(&scales))
 }
 
@@ -365,8 +367,7 @@ mod tests {
                     block,
                     &[(0, x)],
                     &Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-                    residual,
-                    1.0,
+                    Weighted { residual, weight: 1.0 },
                 );
             }
             for (i, block) in system.blocks.iter_mut().enumerate() {

@@ -432,7 +432,9 @@ impl Source<'_> {
     fn marker(&self, entry: &Spanned<MarkerEntry>) -> Result<Marker, RigError> {
         let entry = entry.get_ref();
         let family = entry.family.get_ref().parse::<Family>();
-        self.check(&entry.family, "marker.family", |_| family.is_ok(), "`tag36h11`")?;
+        // The other families are for boards; the rig's markers are light meters, tried with this one only.
+        let is_allowed = |_: &String| family == Ok(Family::Tag36h11);
+        self.check(&entry.family, "marker.family", is_allowed, "`tag36h11`")?;
         let family = family.expect("checked: a known family");
         let allowed = format!("0 to {}", family.codes() - 1);
         self.check(&entry.id, "marker.id", |id| *id < family.codes(), &allowed)?;

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Vector6};
 use super::{Alignment, DisplayIntrinsics};
 use crate::{
     extrinsics::bundle::twist,
-    least_squares::arrow::{self, ArrowProblem, ArrowSystem, SolveError},
+    least_squares::arrow::{self, ArrowProblem, ArrowSystem, SolveError, Weighted},
     pose::Pose,
 };
 
@@ -77,7 +77,13 @@ impl ArrowProblem for Problem<'_> {
             system.cost += 0.5 * error.length_squared();
             for (axis, row) in rows.into_iter().enumerate() {
                 let row: Vec<(usize, f64)> = row.into_iter().enumerate().collect();
-                system.add_shared(&row, error[axis], 1.0);
+                system.add_shared(
+                    &row,
+                    Weighted {
+                        residual: error[axis],
+                        weight: 1.0,
+                    },
+                );
             }
         }
         Some(system)

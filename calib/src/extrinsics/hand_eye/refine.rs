@@ -7,7 +7,7 @@ use super::{Clocks, HandEye, Moment, Residual, track::Track};
 use crate::{
     extrinsics::bundle::twist,
     least_squares::{
-        arrow::{self, ArrowProblem, ArrowSystem, SolveError},
+        arrow::{self, ArrowProblem, ArrowSystem, SolveError, Weighted},
         loss::Loss,
     },
     pose::{Pose, Twist},
@@ -135,7 +135,13 @@ impl ArrowProblem for Problem<'_> {
                 system.cost += cost;
                 for axis in 0..3 {
                     let row: Vec<(usize, f64)> = columns.iter().map(|column| column[part][axis]).enumerate().collect();
-                    system.add_shared(&row, left[part][axis], weight / (sigma * sigma));
+                    system.add_shared(
+                        &row,
+                        Weighted {
+                            residual: left[part][axis],
+                            weight: weight / (sigma * sigma),
+                        },
+                    );
                 }
             }
         }

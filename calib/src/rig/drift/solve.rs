@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Matrix6, Vector6};
 use super::problem::{Observation, Problem, State, Suspect};
 use crate::{
     least_squares::{
-        arrow::{ArrowProblem, ArrowSystem, minimise},
+        arrow::{ArrowProblem, ArrowSystem, Weighted, minimise},
         loss::Loss,
     },
     pose::{Pose, Twist},
@@ -159,8 +159,11 @@ impl ArrowProblem for Trial<'_> {
             for axis in 0..2 {
                 let by_shared = self.by_shared(seen, &linear.by_marker[axis], &linear.by_lens[axis]);
                 let by_pose = Vector6::from_row_slice(&linear.by_pose[axis]);
-                let weight = weight / (sigma * sigma);
-                system.add(seen.block, &by_shared, &by_pose, linear.residual[axis], weight);
+                let weighted = Weighted {
+                    residual: linear.residual[axis],
+                    weight: weight / (sigma * sigma),
+                };
+                system.add(seen.block, &by_shared, &by_pose, weighted);
             }
         }
         system.cost.is_finite().then_some(system)

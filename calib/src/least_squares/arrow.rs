@@ -16,6 +16,13 @@ const STEP_TOLERANCE: f64 = 1e-7;
 /// Damping at which no step helps any more.
 const MAX_DAMPING: f64 = 1e14;
 
+/// Damping up to which a short step is short because the minimum is near, and not because it is damped.
+const LITTLE_DAMPING: f64 = 1e-2;
+
+/// Part of the cost, and cost in residuals of unit variance, by which a step that is hardly damped may still promise to
+/// improve a minimum.
+const PROMISE: [f64; 2] = [1e-6, 1e-9];
+
 /// What is to be made small.
 pub trait ArrowProblem {
     /// All unknowns.
@@ -203,6 +210,18 @@ impl ArrowSystem {
         Some((complement, gradient))
     }
 
+    /// By how much a step that is hardly damped promises to lower the cost: large where steps stop short of a minimum, as at the
+    /// edge of what a lens can be.
+    fn promise(&self) -> f64 {
+        let Some((shared, blocks)) = self.step(LITTLE_DAMPING) else {
+            return f64::INFINITY;
+        };
+        let own = self.shared_gradient.dot(&shared);
+        let others = self.blocks.iter().zip(&blocks);
+        let others: f64 = others.map(|(block, step)| block.gradient.dot(step)).sum();
+        -0.5 * (own + others)
+    }
+
     /// Length of a step in standard deviations of the undamped unknowns, the largest of all.
     fn relative_length(&self, shared: &DVector<f64>, blocks: &[Vector6<f64>]) -> f64 {
         let own = (0..shared.len()).map(|i| shared[i].abs() * self.shared[(i, i)].sqrt());
@@ -257,7 +276,14 @@ fn descend<P: ArrowProblem>(
     let mut iterations = 0;
     while iterations < max_iterations {
         iterations += 1;
-        let (shared, blocks) = system.step(damping).ok_or(SolveError::Singular)?;
+        let Some((shared, blocks)) = system.step(damping) else {
+            // Rounding can make a weakly determined system indefinite; more damping makes it definite again.
+            damping *= 10.0;
+            if damping > MAX_DAMPING {
+                return Err(SolveError::Singular);
+            }
+            continue;
+        };
         let length = system.relative_length(&shared, &blocks);
         if !length.is_finite() {
             return Err(SolveError::Singular);
@@ -277,12 +303,13 @@ fn descend<P: ArrowProblem>(
             damping *= 10.0;
         }
         if length < STEP_TOLERANCE || damping > MAX_DAMPING {
+            let is_minimum = damping <= LITTLE_DAMPING || system.promise() <= PROMISE[0] * system.cost + PROMISE[1];
             let minimum = Minimum {
                 state,
                 system,
                 iterations,
             };
-            return Ok((minimum, true));
+            return Ok((minimum, is_minimum));
         }
     }
     let minimum = Minimum {
@@ -437,6 +464,39 @@ mod tests {
         assert!(near.system.cost < cost);
         let error = minimise(&lines, start, 1, &mut |_| {}).err();
         assert_eq!(error, Some(SolveError::NotConverged { iterations: 1 }));
+    }
+
+    /// Lines whose slope may not exceed a bound.
+    struct Bounded(Lines);
+
+    impl ArrowProblem for Bounded {
+        type State = State;
+
+        fn linearise(&self, state: &State) -> Option<ArrowSystem> {
+            self.0.linearise(state)
+        }
+
+        fn cost(&self, state: &State) -> Option<f64> {
+            self.0.cost(state)
+        }
+
+        fn moved(&self, state: &State, shared: &[f64], blocks: &[Vector6<f64>]) -> Option<State> {
+            self.0.moved(state, shared, blocks).filter(|next| next.shared < 1.0)
+        }
+    }
+
+    #[test]
+    fn the_edge_of_what_is_possible_is_no_minimum() {
+        let lines = Bounded(Lines {
+            points: vec![vec![(0.0, 1.0), (1.0, 3.0), (2.0, 5.5)]],
+        });
+        let start = State {
+            shared: 0.0,
+            blocks: vec![Vector6::zeros()],
+        };
+        let stuck = minimise(&lines, start.clone(), 200, &mut |_| {}).map(|minimum| minimum.state.shared);
+        assert!(matches!(stuck, Err(SolveError::NotConverged { .. })), "{stuck:?}");
+        assert!(approach(&lines, start, 200).unwrap().state.shared > 0.9);
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use mirrorball_calib::{
     board::{Board, BoardDetector, BoardView, FoundBoard},
-    camera::Model,
     intrinsics::{Guide, MIN_VIEWS, Taken, common_size, select},
     response::ResponseCurve,
 };
@@ -137,7 +136,7 @@ mod tests {
     use glam::{DMat3, DVec2, DVec3};
     use mirrorball_calib::{
         board::SeenCorner,
-        camera::{Intrinsics, LensModel},
+        camera::{Intrinsics, LensModel, Model},
     };
 
     use super::*;

@@ -270,7 +270,7 @@ fn the_settings_at_which_white_balances_agree_are_told() {
             let [width, height] = cameras[index].intrinsics.size_px;
             let file = format!("{name}/{frame:06}.png");
             image::save_buffer(folder.join(&file), &codes, width, height, image::ColorType::Rgb8).unwrap();
-            let time = 1_000_000_000 + 33_000_000 * frame + 1_000_000 * index;
+            let time = 1_000_000_000 + 33_000_000 * (frame + 10 * index);
             writeln!(list, "{name},{frame},{time},{file},0.01,1.0,{r},{g},{b}").unwrap();
             writeln!(settings, "{name},{frame},{setting}").unwrap();
         }

@@ -343,7 +343,7 @@ mod tests {
         let pairs = [
             (["nikon", "canon"], 1.0, [0.0125, 0.045, 0.7, 2.5]),
             (["sigma", "nikon"], 7.0, [0.02, 0.09, 0.9, 2.5]),
-            (["nikon", "sigma"], 7.0, [0.032, 0.11, 1.75, 5.0]),
+            (["nikon", "sigma"], 7.0, [0.036, 0.125, 1.9, 5.8]),
         ];
         for (cameras, before, limits) in pairs {
             for kelvin in [2856.0, 5000.0, 6500.0] {

@@ -220,3 +220,130 @@ fn what_cannot_be_matched_is_told() {
     );
     assert!(stderr.contains("hint: name a marker of the rig"), "{stderr}");
 }
+
+fn program(folder: &Path, args: &[&str]) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_mirrorball-calib"))
+        .current_dir(folder)
+        .args(args)
+        .output()
+        .expect("the program starts");
+    let text = [output.stdout, output.stderr].concat();
+    (
+        output.status.code(),
+        String::from_utf8(text).expect("text of the expected kind"),
+    )
+}
+
+/// Gains and grey light before them: the second camera set to k looks as the first one set to k + 300.
+fn look(camera: usize, setting: f64) -> ([f64; 3], DVec3) {
+    let raw = [DVec3::new(0.9, 1.0, 0.5), DVec3::new(0.7, 1.0, 0.8)];
+    let mired = 1e6 / (setting + 300.0 * camera as f64);
+    let given_out = DVec3::new((0.5 - 0.0026 * mired).exp(), 1.0, (-0.8 + 0.0031 * mired).exp());
+    ((given_out / raw[camera]).to_array(), given_out)
+}
+
+#[test]
+fn the_settings_at_which_white_balances_agree_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let rig = record(folder, DMat3::IDENTITY);
+    let pose = looking_at(DVec3::new(0.15, 0.0, 0.0), DVec3::new(0.1, -0.35, 0.5), 0.0);
+    let cameras = [rig.scene_camera(), rig.camera("probe").unwrap()];
+    let empty = [picture(&rig, &pose, 1), vec![60; 3 * 640 * 640]];
+    let poses = [pose, cameras[1].camera_from_world.unwrap()];
+    let mut list = "camera,sequence,timestamp_ns,file,exposure_s,gain,wb_r,wb_g,wb_b\n".to_owned();
+    let mut settings = "camera,frame,setting\n".to_owned();
+    for (index, all) in [&[4050.0, 5500.0][..], &[3000.0, 3500.0, 4000.0, 4500.0]]
+        .into_iter()
+        .enumerate()
+    {
+        let name = &cameras[index].name;
+        for (frame, &setting) in all.iter().enumerate() {
+            let ([r, g, b], given_out) = look(index, setting);
+            let mut codes = empty[index].clone();
+            paint(
+                &mut codes,
+                cameras[index],
+                &poses[index],
+                DMat3::from_diagonal(given_out),
+            );
+            let [width, height] = cameras[index].intrinsics.size_px;
+            let file = format!("{name}/{frame:06}.png");
+            image::save_buffer(folder.join(&file), &codes, width, height, image::ColorType::Rgb8).unwrap();
+            let time = 1_000_000_000 + 33_000_000 * (frame + 10 * index);
+            writeln!(list, "{name},{frame},{time},{file},0.01,1.0,{r},{g},{b}").unwrap();
+            writeln!(settings, "{name},{frame},{setting}").unwrap();
+        }
+    }
+    fs::write(folder.join("frames.csv"), list).unwrap();
+    fs::write(folder.join("settings.csv"), &settings).unwrap();
+    let sheet = fs::read_to_string(folder.join("patches.toml")).unwrap();
+    let ask = [
+        "--cameras",
+        "scene,probe",
+        "--white-balance",
+        "--settings",
+        "settings.csv",
+    ];
+    let (code, stderr) = run(folder, &ask);
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(stderr.contains("the sheet has no neutral patch"), "{stderr}");
+    let greys = ["patch 0", "patch 1", "patch 11"].iter().fold(sheet, |sheet, name| {
+        let key = format!("name = \"{name}\"\n");
+        sheet.replacen(&key, &format!("{key}neutral = true\n"), 1)
+    });
+    fs::write(folder.join("patches.toml"), greys).unwrap();
+    let (code, stderr) = run(
+        folder,
+        &[&ask[..], &["--json", "wb.json", "--report", "wb.html"]].concat(),
+    );
+    assert_eq!(code, Some(0), "{stderr}");
+    let json: Value = serde_json::from_str(&fs::read_to_string(folder.join("wb.json")).unwrap()).unwrap();
+    // The lamp-bright patch is not used.
+    assert_eq!(json["patches"], serde_json::json!(["patch 0", "patch 1"]));
+    let row = &json["white_balance"][0];
+    let number = |key: &str| row[key].as_f64().unwrap();
+    assert!((number("second_setting") - 3750.0).abs() < 30.0, "{row}");
+    assert!(
+        number("delta_e00") < 1.0 && number("second_setting_sigma") < 40.0,
+        "{row}"
+    );
+    assert_eq!(row["is_at_end"], false);
+    let row = &json["white_balance"][1];
+    assert!(row["is_at_end"] == true && row["second_setting"] == 4500.0, "{row}");
+    assert!(
+        fs::read_to_string(folder.join("wb.html"))
+            .unwrap()
+            .contains("White balance of camera probe")
+    );
+    let few = settings.lines().take(5).collect::<Vec<_>>().join("\n");
+    fs::write(folder.join("settings.csv"), few).unwrap();
+    let (code, stderr) = run(folder, &ask);
+    assert_eq!(code, Some(2));
+    assert!(
+        stderr.contains("camera `probe` shows the patches at `2` settings (allowed: `3` or more)"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn the_sheet_is_printed_with_the_marker_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (code, text) = program(folder, &["color", "--print-sheet", "sheet.svg", "--marker", "7"]);
+    assert_eq!(code, Some(0), "{text}");
+    let svg = fs::read_to_string(folder.join("sheet.svg")).unwrap();
+    assert!(
+        svg.contains("width=\"210mm\"") && svg.contains("Marker 7 of tag36h11"),
+        "{svg}"
+    );
+    let (code, text) = program(folder, &["color", "--print-sheet", "sheet.svg", "--marker", "587"]);
+    assert_eq!(code, Some(2));
+    assert!(
+        text.contains("there is no marker `587` (allowed: `0` to `586`)"),
+        "{text}"
+    );
+    let (code, text) = program(folder, &["color", "--rig", "rig.toml"]);
+    assert_eq!(code, Some(2));
+    assert!(text.contains("--recording"), "{text}");
+}

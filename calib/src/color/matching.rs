@@ -272,71 +272,104 @@ mod tests {
     use super::*;
     use crate::merge::simulate::Random;
 
-    fn bell(wavelength: f64, middle: f64, width: f64) -> f64 {
-        (-0.5 * ((wavelength - middle) / width).powi(2)).exp()
+    /// Rows of a table of spectra at 400, 410 ... 700 nm: name and values.
+    fn spectra(table: &str) -> Vec<(String, Vec<f64>)> {
+        let lines = table.lines().filter(|line| !line.starts_with('#'));
+        lines
+            .map(|line| {
+                let (name, values) = line.split_at_checked(line.find(",0").unwrap()).unwrap();
+                let values: Vec<f64> = values[1..].split(',').map(|value| value.parse().unwrap()).collect();
+                assert_eq!(values.len(), 31, "{name}");
+                (name.to_owned(), values)
+            })
+            .collect()
     }
 
-    /// Reflectances as of a ColorChecker (bands of 140 nm, edges of 90 nm): three chromatic rows of smooth bands and edges, six greys.
-    fn reflectance(index: usize, wavelength: f64) -> f64 {
-        if index >= 18 {
-            return [0.88, 0.58, 0.36, 0.19, 0.09, 0.032][index - 18];
+    /// Planck's law, in any unit.
+    fn black_body(kelvin: f64) -> impl Fn(usize) -> f64 {
+        move |index| {
+            let metres = (400.0 + 10.0 * index as f64) * 1e-9;
+            metres.powi(-5) / ((1.4388e-2 / (metres * kelvin)).exp() - 1.0)
         }
-        let hue = index as f64 / 18.0;
-        let middle = 420.0 + 230.0 * hue;
-        let strength = [0.75, 0.45, 0.6][index % 3];
-        let floor = [0.05, 0.15, 0.08][index % 3];
-        // Yellows and reds are edges, not bands.
-        let edge = 1.0 / (1.0 + (-(wavelength - middle) / 20.0).exp());
-        let band = bell(wavelength, middle, 60.0);
-        floor + strength * if index.is_multiple_of(2) { band } else { edge }
     }
 
-    /// What a camera with bell-shaped sensitivities sees under a warm light.
-    fn seen(bands: [(f64, f64); 3], index: usize) -> [f64; 3] {
-        let respond = |(middle, width): (f64, f64), of: &dyn Fn(f64) -> f64| -> f64 {
-            let step = |i: i32| 400.0 + 5.0 * f64::from(i);
-            (0..=60)
-                .map(step)
-                .map(|w| bell(w, middle, width) * (0.6 + 0.4 * (w - 400.0) / 300.0) * of(w))
-                .sum()
+    /// What the camera of this name, white balanced on a perfect white, sees of the ColorChecker under a black body's light.
+    fn seen(camera: &str, kelvin: f64) -> Vec<[f64; 3]> {
+        let light = black_body(kelvin);
+        let cameras = spectra(include_str!("spectra/cameras.csv"));
+        let channels = ["red", "green", "blue"].map(|channel| {
+            let name = format!("{camera},{channel}");
+            let (_, values) = cameras.iter().find(|(found, _)| *found == name).unwrap();
+            values.clone()
+        });
+        let respond = |channel: &[f64], of: &dyn Fn(usize) -> f64| -> f64 {
+            (0..31).map(|i| channel[i] * light(i) * of(i)).sum()
         };
-        // White balanced on a perfect white.
-        bands.map(|band| respond(band, &|w| reflectance(index, w)) / respond(band, &|_| 1.0))
+        spectra(include_str!("spectra/color_checker.csv"))
+            .iter()
+            .map(|(_, patch)| {
+                std::array::from_fn(|c| respond(&channels[c], &|i| patch[i]) / respond(&channels[c], &|_| 1.0))
+            })
+            .collect()
     }
 
-    const FIRST: [(f64, f64); 3] = [(600.0, 35.0), (540.0, 38.0), (455.0, 28.0)];
-    const SECOND: [(f64, f64); 3] = [(608.0, 38.0), (533.0, 42.0), (462.0, 30.0)];
-
-    fn chart(noise: f64) -> Vec<SharedPatch> {
+    fn chart_under(kelvin: f64, cameras: [&str; 2], noise: f64) -> Vec<SharedPatch> {
         let mut random = Random::new(6);
-        (0..24)
-            .map(|index| SharedPatch {
+        let mut noisy = |color: [f64; 3], gain: f64| color.map(|value| gain * value * (1.0 + noise * random.normal()));
+        let [first, second] = cameras.map(|camera| seen(camera, kelvin));
+        first
+            .into_iter()
+            .zip(second)
+            .enumerate()
+            .map(|(index, (first, second))| SharedPatch {
                 name: format!("{index}"),
-                first: seen(FIRST, index).map(|value| value * (1.0 + noise * random.normal())),
-                second: seen(SECOND, index).map(|value| 0.4 * value * (1.0 + noise * random.normal())),
+                first: noisy(first, 1.0),
+                second: noisy(second, 0.4),
                 sigma: [1e-4; 3],
                 reference: None,
             })
             .collect()
     }
 
+    fn chart(noise: f64) -> Vec<SharedPatch> {
+        chart_under(5000.0, ["nikon", "canon"], noise)
+    }
+
+    /// Measured sensitivities of cameras and measured reflectances, from the light of a lamp to that of the sky. What is reached
+    /// depends on the cameras: two with colour filters, then one with filters and one with layers, either way.
     #[test]
-    fn cameras_of_different_sensitivities_are_matched() {
-        let found = match_cameras(&chart(0.003), None).unwrap();
-        println!(
-            "before {:?}\nafter {:?}\n{}",
-            found.before, found.after, found.first_from_second
-        );
-        assert!(
-            found.before.delta_e_mean > 1.5,
-            "the cameras are too alike to test anything"
-        );
-        assert!(
-            found.after.relative_mean < 0.02 && found.after.delta_e_mean < 1.5,
-            "{:?}",
-            found.after
-        );
-        assert!((found.gain / 2.5 - 1.0).abs() < 0.02, "{}", found.gain);
+    fn measured_cameras_are_matched_on_the_measured_chart() {
+        // Difference (CIEDE2000) before at least; after at most mean and worst, relative and CIEDE2000.
+        let pairs = [
+            (["nikon", "canon"], 1.0, [0.0125, 0.045, 0.7, 2.5]),
+            (["sigma", "nikon"], 7.0, [0.02, 0.09, 0.9, 2.5]),
+            (["nikon", "sigma"], 7.0, [0.036, 0.125, 1.9, 5.8]),
+        ];
+        for (cameras, before, limits) in pairs {
+            for kelvin in [2856.0, 5000.0, 6500.0] {
+                let found = match_cameras(&chart_under(kelvin, cameras, 0.003), None).unwrap();
+                let after = found.after;
+                println!(
+                    "{cameras:?} {kelvin} K: before {:.4?}\n  after {after:.4?}",
+                    found.before
+                );
+                assert!(
+                    found.before.delta_e_mean > before && found.before.relative_mean > 0.03,
+                    "the cameras are too alike to test anything"
+                );
+                let reached = [
+                    after.relative_mean,
+                    after.relative_worst,
+                    after.delta_e_mean,
+                    after.delta_e_worst,
+                ];
+                assert!(
+                    reached.iter().zip(limits).all(|(found, limit)| *found < limit),
+                    "{after:?}"
+                );
+                assert!((found.gain / 2.5 - 1.0).abs() < 0.04, "{}", found.gain);
+            }
+        }
     }
 
     #[test]
@@ -358,13 +391,19 @@ mod tests {
 
     #[test]
     fn greys_alone_give_gains_and_white_can_be_kept() {
-        let mut patches = chart(0.003);
-        let greys = patches.split_off(18);
+        // Perfect greys: those of a real chart have a tint, from which a matrix is read, well or badly.
+        let mut random = Random::new(5);
+        let mut greys = chart(0.0).split_off(18);
+        for grey in &mut greys {
+            let light = grey.first[1];
+            grey.first = [light; 3].map(|value| value * (1.0 + 0.003 * random.normal()));
+            grey.second = [0.4 * light; 3].map(|value| value * (1.0 + 0.003 * random.normal()));
+        }
         let found = match_cameras(&greys, None).unwrap().first_from_second;
         for row in 0..3 {
             for column in 0..3 {
                 let expected = if row == column { 2.5 } else { 0.0 };
-                assert!((found.row(row)[column] - expected).abs() < 0.1, "{found}");
+                assert!((found.row(row)[column] - expected).abs() < 0.15, "{found}");
             }
         }
         let all = chart(0.003);

@@ -8,19 +8,26 @@ use super::difference::{linear_rgb_from_lab_d50, linear_rgb_from_xyz};
 /// Most patches of a sheet.
 const MAX_PATCHES: usize = 1000;
 
-/// Width of a ColorChecker's patch and distance between the middles of two, in metres: the classic chart of 279 × 210 mm
-/// between its registration corners.
+/// Width of a ColorChecker's patch and distance between the middles of two, in metres, on the classic chart of 279 × 210 mm.
+///
+/// Editions differ: a patch is 0.876 of the distance in ArgyllCMS' `ref/ColorChecker.cht`, 0.909 in OpenCV's `mcc` module. Placed by
+/// the patches' own outer corners, the middles then differ by less than a hundredth of the distance, far less than the margin of
+/// each patch that is not read.
 const CHECKER_PATCH_M: f64 = 0.040;
 const CHECKER_PITCH_M: f64 = 0.0445;
 
-/// Distance from the chart's corner marks to the middle of the nearest patch.
-const CHECKER_MARGIN_M: [f64; 2] = [0.0282, 0.0382];
+/// From this lightness and to this chroma (L*a*b*) a patch of the ColorChecker is grey: not its black, which is mostly gloss.
+const GREY_LIGHTNESS: f64 = 30.0;
+const GREY_CHROMA: f64 = 4.0;
 
 /// A sheet of patches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchSheet {
     /// Id of the rig's marker whose frame the patches are given in.
     pub marker: Option<u32>,
+    /// Side of the black square of that marker in metres, if it is printed on the sheet: it then says by itself where the sheet is, and
+    /// need not be in the rig. Its family is tag36h11.
+    pub marker_side_m: Option<f64>,
     /// Points of the sheet by which it can be placed by hand: bottom-left, bottom-right, top-right, top-left, in metres.
     pub corners_m: Option<[DVec2; 4]>,
     /// The patches; at least one, names unique.
@@ -38,6 +45,10 @@ pub struct Patch {
     pub side_m: f64,
     /// Its colour as linear Rec. 709, 1 for a perfect white, if known.
     pub reference: Option<[f64; 3]>,
+    /// Whether it is white or grey, so that cameras' white balance can be compared by it.
+    pub is_neutral: bool,
+    /// What a printer is told, sRGB; `None` for the bare paper, and for patches that are not printed.
+    pub print: Option<[u8; 3]>,
 }
 
 /// Why a text is not a sheet of patches.
@@ -51,6 +62,17 @@ pub enum SheetError {
     Count {
         /// Number of patches.
         found: usize,
+    },
+    /// A marker's side that cannot be, or the side of no marker.
+    #[error("`marker_side_m` is not allowed (allowed: finite and above 0, with `marker`)")]
+    MarkerSide,
+    /// A colour that cannot be read.
+    #[error("`print` of patch `{name}` is `{found}` (allowed: `#` and six hexadecimal digits)")]
+    Print {
+        /// Name of the patch.
+        name: String,
+        /// The text.
+        found: String,
     },
     /// A name twice.
     #[error("two patches have the name `{name}`")]
@@ -78,6 +100,7 @@ pub enum SheetError {
 #[serde(deny_unknown_fields)]
 struct SheetFile {
     marker: Option<u32>,
+    marker_side_m: Option<f64>,
     corners_m: Option<[[f64; 2]; 4]>,
     #[serde(default)]
     patch: Vec<PatchEntry>,
@@ -92,6 +115,9 @@ struct PatchEntry {
     side_m: f64,
     xyz: Option<[f64; 3]>,
     linear_srgb: Option<[f64; 3]>,
+    #[serde(default)]
+    neutral: bool,
+    print: Option<String>,
 }
 
 /// Names and colours of the ColorChecker Classic, row by row from the top left: L*a*b* under D50 (X-Rite, charts made since
@@ -124,8 +150,9 @@ const CHECKER: [(&str, [f64; 3]); 24] = [
 ];
 
 impl PatchSheet {
-    /// Reads a sheet: `marker` (id, optional), `corners_m` (four points, optional) and `[[patch]]` with `name`, `x_m`, `y_m`,
-    /// `side_m` and, if known, `xyz` (D65, white Y = 1) or `linear_srgb`.
+    /// Reads a sheet: `marker` (id, optional), `marker_side_m` (optional), `corners_m` (four points, optional) and `[[patch]]` with `name`, `x_m`, `y_m`,
+    /// `side_m` and, if known, `xyz` (D65, white Y = 1) or `linear_srgb`; `neutral = true` says that it is white or grey, `print` (as
+    /// `"#rrggbb"`) how it is printed.
     ///
     /// # Errors
     /// When the text is not such a sheet.
@@ -136,6 +163,10 @@ impl PatchSheet {
                 found: file.patch.len(),
             });
         }
+        let is_side = |side: f64| side > 0.0 && side.is_finite() && file.marker.is_some();
+        if !file.marker_side_m.is_none_or(is_side) {
+            return Err(SheetError::MarkerSide);
+        }
         let mut patches: Vec<Patch> = Vec::new();
         for entry in file.patch {
             if patches.iter().any(|patch| patch.name == entry.name) {
@@ -145,27 +176,44 @@ impl PatchSheet {
         }
         Ok(Self {
             marker: file.marker,
+            marker_side_m: file.marker_side_m,
             corners_m: file.corners_m.map(|corners| corners.map(DVec2::from)),
             patches,
         })
     }
 
-    /// The ColorChecker Classic. Its corners are the marks outside of the patches, as they frame the chart held upright.
+    /// The sheet to print: greys and colours around a marker (see [`super::print`]).
+    #[must_use]
+    pub fn printed() -> Self {
+        Self::from_toml(include_str!("sheet.toml")).expect("the sheet is valid, as its test shows")
+    }
+
+    /// Corners of the sheet's own marker: bottom-left, bottom-right, top-right, top-left; `None` without `marker_side_m`.
+    #[must_use]
+    pub fn marker_corners_m(&self) -> Option<[DVec2; 4]> {
+        let half = 0.5 * self.marker_side_m?;
+        Some([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|corner| half * DVec2::from(corner)))
+    }
+
+    /// The ColorChecker Classic. Its corners are the outer corners of its four corner patches (not the marks in the frame, whose
+    /// place differs between editions), of the chart held upright.
     #[must_use]
     pub fn color_checker() -> Self {
-        let [left, bottom] = CHECKER_MARGIN_M;
         let patches = CHECKER.iter().enumerate().map(|(index, &(name, lab))| {
             let (column, row) = (index % 6, 3 - index / 6);
             Patch {
                 name: name.to_owned(),
-                center_m: DVec2::new(left, bottom) + CHECKER_PITCH_M * DVec2::new(column as f64, row as f64),
+                center_m: DVec2::splat(0.5 * CHECKER_PATCH_M) + CHECKER_PITCH_M * DVec2::new(column as f64, row as f64),
                 side_m: CHECKER_PATCH_M,
                 reference: Some(linear_rgb_from_lab_d50(lab)),
+                is_neutral: lab[0] > GREY_LIGHTNESS && lab[1].hypot(lab[2]) < GREY_CHROMA,
+                print: None,
             }
         });
-        let size = 2.0 * DVec2::new(left, bottom) + CHECKER_PITCH_M * DVec2::new(5.0, 3.0);
+        let size = 2.0 * DVec2::splat(0.5 * CHECKER_PATCH_M) + CHECKER_PITCH_M * DVec2::new(5.0, 3.0);
         Self {
             marker: None,
+            marker_side_m: None,
             corners_m: Some([DVec2::ZERO, DVec2::new(size.x, 0.0), size, DVec2::new(0.0, size.y)]),
             patches: patches.collect(),
         }
@@ -193,13 +241,32 @@ impl PatchEntry {
             (Some(xyz), None) => Some(linear_rgb_from_xyz(xyz)),
             (None, rgb) => rgb,
         };
+        let print = match &self.print {
+            None => None,
+            Some(text) => Some(print_color(text).ok_or_else(|| SheetError::Print {
+                name: self.name.clone(),
+                found: text.clone(),
+            })?),
+        };
         Ok(Patch {
             name: self.name,
             center_m: DVec2::new(self.x_m, self.y_m),
             side_m: self.side_m,
             reference,
+            is_neutral: self.neutral,
+            print,
         })
     }
+}
+
+/// Red, green, blue of `#rrggbb`.
+fn print_color(text: &str) -> Option<[u8; 3]> {
+    let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6)?;
+    if !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let [_, red, green, blue] = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
+    Some([red, green, blue])
 }
 
 #[cfg(test)]
@@ -225,6 +292,14 @@ mod tests {
             error("side_m = 0.02", "side_m = 0.0"),
             "`side_m` of patch `grey` is not allowed (allowed: finite; `side_m` above 0)"
         );
+        assert_eq!(
+            error("xyz", "print = \"#12345\"\nxyz"),
+            "`print` of patch `white` is `#12345` (allowed: `#` and six hexadecimal digits)"
+        );
+        assert_eq!(
+            error("marker = 3", "marker_side_m = 0.1"),
+            "`marker_side_m` is not allowed (allowed: finite and above 0, with `marker`)"
+        );
         assert!(error("marker", "maker").contains("unknown field `maker`"));
         assert_eq!(
             PatchSheet::from_toml("marker = 1").unwrap_err(),
@@ -242,6 +317,16 @@ mod tests {
         // The chart is symmetric about its middle.
         let [_, _, size, _] = sheet.corners_m.unwrap();
         assert!((size - of("bluish green").center_m).distance(white.center_m) < 1e-12);
+        let neutral: Vec<&str> = sheet
+            .patches
+            .iter()
+            .filter(|patch| patch.is_neutral)
+            .map(|patch| patch.name.as_str())
+            .collect();
+        assert_eq!(
+            neutral,
+            ["white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5"]
+        );
         // Computed apart, with the same tables: dark skin and cyan.
         for (name, expected) in [
             ("dark skin", [0.1737, 0.0788, 0.0528]),

@@ -150,6 +150,7 @@ pub fn sample(picture: &PatchPicture<'_>, patch: &Patch, placing: &SheetPlacing)
         .max(DVec2::ZERO);
     let high = quad.iter().fold(DVec2::MIN, |high, pixel| high.max(*pixel)).floor();
     let mut values: [Vec<f64>; 3] = Default::default();
+    let mut widths = [0.0; 3];
     let (mut n, mut clipped, mut black) = (0usize, [0usize; 3], [0usize; 3]);
     let response = &picture.photometry.response;
     let signal = picture.photometry.signal_per_radiance(picture.exposure);
@@ -166,7 +167,9 @@ pub fn sample(picture: &PatchPicture<'_>, patch: &Patch, placing: &SheetPlacing)
                 let code = picture.codes[at + channel];
                 clipped[channel] += usize::from(code >= response.first_clipped_code());
                 black[channel] += usize::from(code <= response.last_black_code());
-                values[channel].push(response.linear_from_code(code) / (vignetting * signal[channel]));
+                let per_signal = (vignetting * signal[channel]).recip();
+                values[channel].push(response.linear_from_code(code) * per_signal);
+                widths[channel] += response.code_width(code) * per_signal;
             }
         }
     }
@@ -182,8 +185,8 @@ pub fn sample(picture: &PatchPicture<'_>, patch: &Patch, placing: &SheetPlacing)
     }
     let moments = values.map(trimmed);
     Ok(PatchLight {
-        radiance: moments.map(|(mean, _)| mean),
-        sigma: moments.map(|(_, sigma)| sigma),
+        radiance: moments.map(|moments| moments.mean),
+        sigma: std::array::from_fn(|channel| moments[channel].sigma(widths[channel] / n as f64)),
         pixels: n,
     })
 }
@@ -199,15 +202,33 @@ fn is_inside(quad: &[DVec2; 4], point: DVec2) -> bool {
     left || right
 }
 
-/// Mean without the ends, and its standard deviation.
-fn trimmed(mut values: Vec<f64>) -> (f64, f64) {
+/// What the values of a patch's pixels have in common.
+#[derive(Clone, Copy)]
+struct Moments {
+    mean: f64,
+    /// Of one value.
+    variance: f64,
+    n: f64,
+}
+
+/// Mean and variance without the ends.
+fn trimmed(mut values: Vec<f64>) -> Moments {
     values.sort_by(f64::total_cmp);
     let cut = (TRIMMED * values.len() as f64) as usize;
     let kept = &values[cut..values.len() - cut];
     let n = kept.len() as f64;
     let mean = kept.iter().sum::<f64>() / n;
     let variance = kept.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
-    (mean, (variance / n).sqrt())
+    Moments { mean, variance, n }
+}
+
+impl Moments {
+    /// Standard deviation of the mean, where a code is this wide. Rounding is averaged out only as far as noise moves the pixels
+    /// across codes (Widrow and Kollár 2008, "Quantization Noise", ch. 4: the share that is left falls with exp(-2π²σ²)).
+    fn sigma(&self, width: f64) -> f64 {
+        let share = (-2.0 * std::f64::consts::PI.powi(2) * self.variance / (width * width)).exp();
+        (self.variance / self.n).sqrt().hypot(share * width / 12f64.sqrt())
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Tables of numbers with a head line, separated by commas.
+//! Tables with a head line, separated by commas.
 
 use std::{
     fs, io,
@@ -7,7 +7,7 @@ use std::{
 
 use super::explain::Explain;
 
-/// A table whose cells are all numbers; every line has as many as the head.
+/// A table; every line has as many cells as the head.
 #[derive(Debug)]
 pub(crate) struct Table {
     file: PathBuf,
@@ -123,7 +123,8 @@ impl Table {
             .map_err(|_| self.value(index, column, "a whole number, 0 or more"))
     }
 
-    fn cell(&self, index: usize, column: &str) -> Result<&str, TableError> {
+    /// A text.
+    pub(crate) fn cell(&self, index: usize, column: &str) -> Result<&str, TableError> {
         let place = self.head.iter().position(|name| name == column);
         let place = place.ok_or_else(|| TableError::NoColumn {
             file: self.file.clone(),

@@ -2,9 +2,9 @@
 
 use std::{io, path::PathBuf};
 
-use mirrorball_calib::color::{matching::MatchError, patches::SheetError};
+use mirrorball_calib::color::{matching::MatchError, patches::SheetError, white_balance::WhiteBalanceError};
 
-use crate::commands::explain::Explain;
+use crate::commands::{csv::TableError, explain::Explain};
 
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ColorError {
@@ -44,6 +44,14 @@ pub(crate) enum ColorError {
         #[source]
         source: MatchError,
     },
+    #[error("there is no marker `{id}` (allowed: `0` to `586`)")]
+    NoSuchMarker { id: u32 },
+    #[error("the sheet has no neutral patch, by which white balance can be compared")]
+    NoNeutral,
+    #[error(transparent)]
+    Settings(#[from] TableError),
+    #[error("white balance cannot be compared")]
+    WhiteBalance(#[from] WhiteBalanceError),
 }
 
 impl Explain for ColorError {
@@ -65,6 +73,15 @@ impl Explain for ColorError {
             Self::NoPictures { .. } => "`--cameras` names two cameras of the recording",
             Self::NotPlaced { .. } => "markers of the rig must be in sight, or give `--chart-corners CAMERA=x,y,...`",
             Self::Size { .. } => "the rig must be that of this recording",
+            Self::NoSuchMarker { .. } => "give another id with `--marker`",
+            Self::NoNeutral => "mark white and grey patches with `neutral = true` in the patch file",
+            Self::Settings(source) => return source.hint(),
+            Self::WhiteBalance(WhiteBalanceError::FewSettings { .. }) => {
+                "record the sheet at more settings, and say in `--settings` which frame was taken at which"
+            }
+            Self::WhiteBalance(WhiteBalanceError::NoPatch { .. }) => {
+                "expose so that at every setting one grey is neither clipped nor black in any channel"
+            }
             Self::Match { .. } => "light the sheet evenly, expose it so that white is below clipping, fill the picture",
         })
     }

@@ -1,18 +1,24 @@
-//! `color`: the matrix between two cameras' colours.
+//! `color`: the matrix between two cameras' colours, the table of their white balances, and the sheet to print for both.
 
 mod error;
 mod read;
 mod report;
+mod white_balance;
 
-use std::{fs, io::Write, path::PathBuf};
+use std::{
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 use glam::DVec2;
 use mirrorball_calib::{
     color::{
         matching::{self, ColorMatch},
         patches::PatchSheet,
+        print,
     },
-    rig::RigDraft,
+    rig::{Camera, Rig, RigDraft},
 };
 
 use super::{CommandError, no_camera, output::OutputArgs, read_rig};
@@ -21,24 +27,45 @@ pub(crate) use error::ColorError;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The rig: its cameras' response, vignetting and lens must be known.
-    #[arg(long, value_name = "FILE")]
-    rig: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "print_sheet")]
+    rig: Option<PathBuf>,
     /// Recording in which both cameras see the patches, under the same light.
-    #[arg(long, value_name = "PATH")]
-    recording: PathBuf,
+    #[arg(long, value_name = "PATH", required_unless_present = "print_sheet")]
+    recording: Option<PathBuf>,
     /// The camera whose colours are taken, and the one that is matched to it.
-    #[arg(long, value_name = "A,B", value_delimiter = ',', required = true, num_args = 1)]
+    #[arg(
+        long,
+        value_name = "A,B",
+        value_delimiter = ',',
+        num_args = 1,
+        required_unless_present = "print_sheet"
+    )]
     cameras: Vec<String>,
-    /// Patches: a TOML file, or `colorchecker` for the ColorChecker Classic.
-    #[arg(long, value_name = "FILE")]
-    patches: PathBuf,
+    /// Patches: a TOML file, `colorchecker` for the ColorChecker Classic, or `sheet` for the sheet of `--print-sheet`.
+    #[arg(long, value_name = "FILE", required_unless_present = "print_sheet")]
+    patches: Option<PathBuf>,
     /// Where the sheet's corners are in a camera's pictures, when no marker says so: bottom-left, bottom-right, top-right,
-    /// top-left of the upright sheet, in pixels. May be given for every camera.
+    /// top-left of the upright sheet, in pixels; of a ColorChecker, the outer corners of its corner patches. May be given for
+    /// every camera.
     #[arg(long, value_name = "CAMERA=X,Y,X,Y,X,Y,X,Y", value_parser = corners)]
     chart_corners: Vec<ChartCorners>,
     /// Patch whose colour is to be met exactly: white, say.
     #[arg(long, value_name = "PATCH")]
     keep: Option<String>,
+    /// Tells, instead of the matrix, which white-balance setting of the second camera goes with which of the first. The recording
+    /// shows the sheet's neutral patches at several settings.
+    #[arg(long, conflicts_with_all = ["keep", "out"])]
+    white_balance: bool,
+    /// What the drivers were set to: a table with the columns `camera`, `frame` (its sequence number) and `setting` (kelvin, say).
+    /// Without it, a setting is the gain of red over that of blue that the recording tells.
+    #[arg(long, value_name = "FILE.csv", requires = "white_balance")]
+    settings: Option<PathBuf>,
+    /// Writes a sheet of patches to print on A4, and does nothing else.
+    #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["rig", "recording", "cameras", "patches"])]
+    print_sheet: Option<PathBuf>,
+    /// Id of the marker on the printed sheet: one that nothing else in the room carries.
+    #[arg(long, value_name = "ID")]
+    marker: Option<u32>,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -66,6 +93,38 @@ fn corners(text: &str) -> Result<ChartCorners, String> {
     parse().ok_or_else(|| "a camera's name, `=`, and eight numbers separated by commas".to_owned())
 }
 
+/// What is to be measured.
+struct Task<'a> {
+    args: &'a Args,
+    rig_file: &'a Path,
+    recording: &'a Path,
+    rig: Rig,
+    sheet: PatchSheet,
+}
+
+impl<'a> Task<'a> {
+    fn new(args: &'a Args) -> Result<Self, CommandError> {
+        let given = |file: &'a Option<PathBuf>| file.as_deref().expect("the command line is refused without it");
+        let rig_file = given(&args.rig);
+        Ok(Self {
+            args,
+            rig_file,
+            recording: given(&args.recording),
+            rig: read_rig(rig_file)?,
+            sheet: read_sheet(given(&args.patches), args.marker)?,
+        })
+    }
+
+    fn cameras(&self) -> Result<[&Camera; 2], CommandError> {
+        let camera = |index: usize| {
+            let name = self.args.cameras.get(index).map_or("", String::as_str);
+            let found = self.rig.camera(name);
+            found.ok_or_else(|| no_camera(&self.rig, self.rig_file, name))
+        };
+        Ok([camera(0)?, camera(1)?])
+    }
+}
+
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
     args.output.check()?;
     let rig = read_rig(&args.rig)?;
@@ -76,13 +135,29 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     let cameras = [camera(0)?, camera(1)?];
     let sheet = read_sheet(args)?;
     let found = read::read(args, &rig, &sheet, cameras)?;
+    if let Some(file) = &args.print_sheet {
+        let mut sheet = PatchSheet::printed();
+        sheet.marker = args.marker.or(sheet.marker);
+        let id = sheet.marker.unwrap_or_default();
+        let svg = print::sheet_svg(&sheet).ok_or(ColorError::NoSuchMarker { id })?;
+        super::output::write_file(file, svg.as_bytes())?;
+        let file = file.display();
+        return writeln!(out, "{file}: print at 100 %, then check the ruler").map_err(CommandError::Output);
+    }
+    args.output.check()?;
+    let task = Task::new(args)?;
+    let cameras = task.cameras()?;
+    if args.white_balance {
+        return white_balance::run(&task, cameras, out);
+    }
+    let found = read::read(&task, cameras)?;
     let matched = matching::match_cameras(&found.shared, args.keep.as_deref()).map_err(|source| ColorError::Match {
         first: cameras[0].name.clone(),
         second: cameras[1].name.clone(),
         left_out: found.left_out_text(),
         source,
     })?;
-    write_rig(args, &matched, cameras[0].photometry.color, &cameras[1].name)?;
+    write_rig(&task, &matched, cameras)?;
     args.output
         .write_json(&report::Numbers::new(&args.cameras, &matched, &found))?;
     args.output
@@ -90,29 +165,30 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     report::write_summary(out, &args.cameras, &matched, &found).map_err(CommandError::Output)
 }
 
-fn read_sheet(args: &Args) -> Result<PatchSheet, ColorError> {
-    if args.patches.as_os_str() == "colorchecker" {
-        return Ok(PatchSheet::color_checker());
-    }
-    let file = args.patches.clone();
-    let text = fs::read_to_string(&file).map_err(|source| ColorError::Read {
-        file: file.clone(),
-        source,
-    })?;
-    PatchSheet::from_toml(&text).map_err(|source| ColorError::Sheet { file, source })
+fn read_sheet(file: &Path, marker: Option<u32>) -> Result<PatchSheet, ColorError> {
+    let mut sheet = match file.to_str() {
+        Some("colorchecker") => PatchSheet::color_checker(),
+        Some("sheet") => PatchSheet::printed(),
+        _ => {
+            let file = file.to_owned();
+            let text = fs::read_to_string(&file).map_err(|source| ColorError::Read {
+                file: file.clone(),
+                source,
+            })?;
+            PatchSheet::from_toml(&text).map_err(|source| ColorError::Sheet { file, source })?
+        }
+    };
+    sheet.marker = marker.or(sheet.marker);
+    Ok(sheet)
 }
 
 /// Writes the second camera's matrix: into `--out` if it is there, else into a copy of the rig.
-fn write_rig(
-    args: &Args,
-    matched: &ColorMatch,
-    common_from_first: glam::DMat3,
-    second: &str,
-) -> Result<(), CommandError> {
-    let Some(out) = &args.output.out else { return Ok(()) };
-    let start = if out.exists() { out } else { &args.rig };
+fn write_rig(task: &Task<'_>, matched: &ColorMatch, [first, second]: [&Camera; 2]) -> Result<(), CommandError> {
+    let output = &task.args.output;
+    let Some(out) = &output.out else { return Ok(()) };
+    let start = if out.exists() { out } else { task.rig_file };
     let mut draft: RigDraft = super::output::draft(start)?;
-    draft.set_color(second, &(common_from_first * matched.first_from_second));
-    args.output.write_rig(&draft)?;
+    draft.set_color(&second.name, &(first.photometry.color * matched.first_from_second));
+    output.write_rig(&draft)?;
     Ok(())
 }

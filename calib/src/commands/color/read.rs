@@ -5,15 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use mirrorball_calib::{
     color::{
         matching::SharedPatch,
-        patches::PatchSheet,
-        sample::{PatchLight, PatchPicture, SheetPlacing, sample},
+        print::MARKER_FAMILY,
+        sample::{PatchLight, PatchPicture, SheetPlacing, Unread, sample},
     },
     resection,
-    rig::{Camera, Rig},
+    rig::Camera,
     tag::Finder,
 };
+use mirrorball_capture::frame::Exposure;
 
-use super::{Args, ColorError};
+use super::{ColorError, Task};
 use crate::commands::{
     CommandError, families,
     input::{Picture, Pictures},
@@ -60,47 +61,35 @@ struct Seen {
     /// Patch and reason of what was not used.
     left_out: BTreeSet<(String, String)>,
     lights: Vec<Vec<PatchLight>>,
-    pictures: usize,
-    placed: usize,
 }
 
-pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera; 2]) -> Result<Found, CommandError> {
+/// A patch in a picture.
+pub(super) struct PatchSeen<'a> {
+    /// Which of the two cameras.
+    pub(super) camera: usize,
+    /// Which patch of the sheet.
+    pub(super) patch: usize,
+    pub(super) picture: &'a Picture,
+    pub(super) exposure: &'a Exposure,
+    pub(super) light: Result<PatchLight, Unread>,
+}
+
+pub(super) fn read(task: &Task<'_>, cameras: [&Camera; 2]) -> Result<Found, CommandError> {
+    let sheet = &task.sheet;
     let mut seen = [(); 2].map(|()| Seen {
         left_out: BTreeSet::new(),
         lights: vec![Vec::new(); sheet.patches.len()],
-        pictures: 0,
-        placed: 0,
     });
-    let mut finder = Finder::new(&families(rig));
-    for picture in Pictures::of_recording(&args.recording)? {
-        let picture = picture?;
-        let Some(index) = cameras
-            .iter()
-            .position(|camera| picture.camera.as_ref() == Some(&camera.name))
-        else {
-            continue;
-        };
-        seen[index].pictures += 1;
-        let Some(placing) = by_hand(args, sheet, cameras[index])?.map_or_else(
-            || by_markers(rig, sheet, cameras[index], &picture, &mut finder),
-            |placing| Ok(Some(placing)),
-        )?
-        else {
-            continue;
-        };
-        seen[index].placed += 1;
-        read_picture(sheet, cameras[index], &picture, &placing, &mut seen[index])?;
-    }
-    for (camera, seen) in cameras.iter().zip(&seen) {
-        let camera = camera.name.clone();
-        if seen.pictures == 0 {
-            return Err(ColorError::NoPictures { camera }.into());
+    let pictures = visit(task, cameras, |found| {
+        let seen = &mut seen[found.camera];
+        match found.light {
+            Ok(light) => seen.lights[found.patch].push(light),
+            Err(reason) => {
+                let name = sheet.patches[found.patch].name.clone();
+                seen.left_out.insert((name, reason.to_string()));
+            }
         }
-        if seen.placed == 0 {
-            let pictures = seen.pictures;
-            return Err(ColorError::NotPlaced { camera, pictures }.into());
-        }
-    }
+    })?;
     let patches = sheet.patches.iter().enumerate();
     let shared = patches.filter_map(|(index, patch)| {
         let [first, second] = seen.each_ref().map(|seen| mean(&seen.lights[index]));
@@ -121,26 +110,76 @@ pub(super) fn read(args: &Args, rig: &Rig, sheet: &PatchSheet, cameras: [&Camera
     Ok(Found {
         shared: shared.collect(),
         left_out: left_out.collect(),
-        pictures: seen.each_ref().map(|seen| seen.placed),
+        pictures,
     })
 }
 
+/// Reads every patch in every picture of the two cameras; the number of pictures of each in which the sheet's place is known.
+pub(super) fn visit(
+    task: &Task<'_>,
+    cameras: [&Camera; 2],
+    mut take: impl FnMut(PatchSeen<'_>),
+) -> Result<[usize; 2], CommandError> {
+    let (mut pictures, mut placed) = ([0; 2], [0; 2]);
+    let mut all = families(&task.rig);
+    if task.sheet.marker_side_m.is_some() && !all.contains(&MARKER_FAMILY) {
+        all.push(MARKER_FAMILY);
+    }
+    let mut finder = Finder::new(&all);
+    for picture in Pictures::of_recording(task.recording)? {
+        let picture = picture?;
+        let Some(index) = cameras
+            .iter()
+            .position(|camera| picture.camera.as_ref() == Some(&camera.name))
+        else {
+            continue;
+        };
+        pictures[index] += 1;
+        let Some(placing) = by_hand(task, cameras[index])?.map_or_else(
+            || by_markers(task, cameras[index], &picture, &mut finder),
+            |placing| Ok(Some(placing)),
+        )?
+        else {
+            continue;
+        };
+        placed[index] += 1;
+        read_picture(task, cameras[index], &picture, &placing, |patch, exposure, light| {
+            take(PatchSeen {
+                camera: index,
+                patch,
+                picture: &picture,
+                exposure,
+                light,
+            });
+        })?;
+    }
+    for (index, camera) in cameras.iter().enumerate() {
+        let (camera, pictures) = (camera.name.clone(), pictures[index]);
+        if pictures == 0 {
+            return Err(ColorError::NoPictures { camera }.into());
+        }
+        if placed[index] == 0 {
+            return Err(ColorError::NotPlaced { camera, pictures }.into());
+        }
+    }
+    Ok(placed)
+}
+
 /// Where the corners given on the command line put the sheet; `None` when there are none for this camera.
-fn by_hand(args: &Args, sheet: &PatchSheet, camera: &Camera) -> Result<Option<SheetPlacing>, ColorError> {
-    let Some(given) = args.chart_corners.iter().find(|given| given.camera == camera.name) else {
+fn by_hand(task: &Task<'_>, camera: &Camera) -> Result<Option<SheetPlacing>, ColorError> {
+    let Some(given) = task.args.chart_corners.iter().find(|given| given.camera == camera.name) else {
         return Ok(None);
     };
-    let corners_m = sheet.corners_m.ok_or(ColorError::NoCorners)?;
+    let corners_m = task.sheet.corners_m.ok_or(ColorError::NoCorners)?;
     let placing = SheetPlacing::from_corners(&corners_m, &given.pixels, &camera.intrinsics);
     placing.map(Some).ok_or_else(|| ColorError::Corners {
         name: camera.name.clone(),
     })
 }
 
-/// Where the markers, or else the rig, put the sheet; `None` when neither tells.
+/// Where the sheet's own marker, or for a sheet without one the rig's markers or else the rig, put the sheet; `None` when none tells.
 fn by_markers(
-    rig: &Rig,
-    sheet: &PatchSheet,
+    task: &Task<'_>,
     camera: &Camera,
     picture: &Picture,
     finder: &mut Finder,
@@ -152,6 +191,13 @@ fn by_markers(
             name: picture.name.clone(),
             source,
         })?;
+    let (rig, sheet) = (&task.rig, &task.sheet);
+    if let Some(corners_m) = sheet.marker_corners_m() {
+        let own = detections
+            .iter()
+            .find(|found| found.family == MARKER_FAMILY && Some(found.id) == sheet.marker);
+        return Ok(own.and_then(|own| SheetPlacing::from_corners(&corners_m, &own.corners_px, &camera.intrinsics)));
+    }
     let located = resection::locate(&detections, rig, &camera.intrinsics).map(|located| located.camera_from_world);
     let Some(camera_from_world) = located.ok().or(camera.camera_from_world) else {
         return Ok(None);
@@ -163,12 +209,12 @@ fn by_markers(
     Ok(Some(SheetPlacing::from_pose(&camera_from_sheet)))
 }
 
-fn read_picture(
-    sheet: &PatchSheet,
+fn read_picture<'a>(
+    task: &Task<'_>,
     camera: &Camera,
-    picture: &Picture,
+    picture: &'a Picture,
     placing: &SheetPlacing,
-    seen: &mut Seen,
+    mut take: impl FnMut(usize, &'a Exposure, Result<PatchLight, Unread>),
 ) -> Result<(), ColorError> {
     let [width, height] = camera.intrinsics.size_px;
     let expected = 3 * width as usize * height as usize;
@@ -189,13 +235,8 @@ fn read_picture(
         photometry: &camera.photometry,
         exposure,
     };
-    for (patch, lights) in sheet.patches.iter().zip(&mut seen.lights) {
-        match sample(&patch_picture, patch, placing) {
-            Ok(light) => lights.push(light),
-            Err(reason) => {
-                seen.left_out.insert((patch.name.clone(), reason.to_string()));
-            }
-        }
+    for (index, patch) in task.sheet.patches.iter().enumerate() {
+        take(index, exposure, sample(&patch_picture, patch, placing));
     }
     Ok(())
 }

@@ -2,18 +2,19 @@
 
 mod support;
 
+use std::sync::OnceLock;
+
 use glam::{DVec2, DVec3};
 use mirrorball_calib::{
     ball_fit::{
-        self, BallError, BallFit, BallPrior, BallView, Measured,
-        direction::{DirectionMap, used_direction},
-        reflectance,
+        self, BallError, BallFit, BallPrior, BallView, Measured, ViewResult, direction::used_direction, reflectance,
     },
     pose::{Pose, Twist},
     probe::{View, mirror_ball::MirrorBall, radiance::Picture},
     rig::{Camera, Rig},
 };
 use mirrorball_capture::frame::{Exposure, Frame, FrameMeta, PixelFormat, Size};
+use rayon::prelude::*;
 use support::{looking_at, paper, rig};
 
 const EXPOSURE: Exposure = Exposure {
@@ -96,7 +97,8 @@ struct Take {
     moved_m: DVec3,
 }
 
-fn picture(rig: &Rig, take: &Take) -> Frame {
+/// Mean radiance of every pixel, before blur and noise.
+fn light(rig: &Rig, take: &Take) -> Vec<DVec3> {
     let camera = rig.scene_camera();
     let ball = MirrorBall {
         center_m: BALL.center_m + take.moved_m,
@@ -120,8 +122,7 @@ fn picture(rig: &Rig, take: &Take) -> Frame {
     };
     let center_px = camera.intrinsics.project(center).expect("before the camera");
     let radius_px = camera.intrinsics.focal_px.x * ball.radius_m / center.z;
-    let mut light = Vec::with_capacity((width * height) as usize);
-    for index in 0..width * height {
+    let pixel = |index: u32| {
         let middle = DVec2::new(f64::from(index % width), f64::from(index / width));
         // Many rays where they count.
         let from_outline = middle.distance(center_px) - radius_px;
@@ -137,9 +138,20 @@ fn picture(rig: &Rig, take: &Take) -> Frame {
             let offset = (DVec2::new(f64::from(i % parts), f64::from(i / parts)) + 0.5) / f64::from(parts) - 0.5;
             sum += radiance(camera.intrinsics.unproject(middle + offset).expect("inside the lens"));
         }
-        light.push(sum / f64::from(parts * parts));
-    }
-    let light = blurred(&light, [width as usize, height as usize], take.blur_px);
+        sum / f64::from(parts * parts)
+    };
+    (0..width * height).into_par_iter().map(pixel).collect()
+}
+
+fn picture(rig: &Rig, take: &Take) -> Frame {
+    photograph(rig, take, &light(rig, take))
+}
+
+/// The picture that a camera takes of some light.
+fn photograph(rig: &Rig, take: &Take, light: &[DVec3]) -> Frame {
+    let camera = rig.scene_camera();
+    let [width, height] = camera.intrinsics.size_px;
+    let light = blurred(light, [width as usize, height as usize], take.blur_px);
     let mut noise = Noise(take.seed);
     let photometry = &camera.photometry;
     let mut pixels = Vec::with_capacity(3 * light.len());
@@ -183,7 +195,7 @@ fn blurred(light: &[DVec3], [width, height]: [usize; 2], sigma_px: f64) -> Vec<D
             taps.map(|(weight, i)| at(x + i * step_x, y + i * step_y) * (weight / total))
                 .sum()
         };
-        (0..light.len()).map(pixel).collect()
+        (0..light.len()).into_par_iter().map(pixel).collect()
     };
     pass(&pass(light, (1, 0)), (0, 1))
 }
@@ -205,7 +217,10 @@ fn pose(turn_rad: f64, rise: f64) -> Pose {
     }) * straight
 }
 
-fn takes(n: usize, blur_px: f64) -> Vec<Take> {
+/// Most pictures of a test.
+const N_TAKES: usize = 5;
+
+fn ordinary_takes(n: usize, blur_px: f64) -> Vec<Take> {
     (0..n)
         .map(|i| Take {
             camera_from_world: pose(1.3 + 1.25 * i as f64, 0.9 + 0.25 * (i % 3) as f64),
@@ -239,9 +254,26 @@ fn prior() -> BallPrior {
     }
 }
 
+/// The pictures of takes; the light of those in which nothing is out of the ordinary is computed once for all tests.
+fn frames(rig: &Rig, takes: &[Take]) -> Vec<Frame> {
+    static LIGHTS: [OnceLock<Vec<DVec3>>; N_TAKES] = [const { OnceLock::new() }; N_TAKES];
+    let ordinary = ordinary_takes(N_TAKES, 0.0);
+    let frame = |take: &Take| {
+        let known = ordinary.iter().position(|known| {
+            (known.camera_from_world, known.covered, known.moved_m)
+                == (take.camera_from_world, take.covered, take.moved_m)
+        });
+        match known {
+            Some(index) => photograph(rig, take, LIGHTS[index].get_or_init(|| light(rig, take))),
+            None => picture(rig, take),
+        }
+    };
+    takes.iter().map(frame).collect()
+}
+
 fn fitted(takes: &[Take], prior: &BallPrior) -> Result<BallFit, BallError> {
     let rig = plain_rig();
-    let frames: Vec<Frame> = takes.iter().map(|take| picture(&rig, take)).collect();
+    let frames = frames(&rig, takes);
     ball_fit::fit(&views(rig.scene_camera(), takes, &frames), prior)
 }
 
@@ -276,8 +308,8 @@ fn a_ball_of_200_pixels_shows_directions_to_a_tenth_of_a_degree() {
     let mut failed = false;
     let rig = plain_rig();
     for blur_px in [0.4, 0.8] {
-        let takes = takes(5, blur_px);
-        let frames: Vec<Frame> = takes.iter().map(|take| picture(&rig, take)).collect();
+        let takes = ordinary_takes(N_TAKES, blur_px);
+        let frames = frames(&rig, &takes);
         let views = views(rig.scene_camera(), &takes, &frames);
         // As the command does: the outline's look depends on the reflectance, which is measured with the outline.
         let first = ball_fit::fit(&views, &prior()).expect("the ball is there");
@@ -322,7 +354,7 @@ fn about() -> BallPrior {
 
 #[test]
 fn one_view_needs_a_ruler_and_then_does() {
-    let takes = takes(1, 0.4);
+    let takes = ordinary_takes(1, 0.4);
     let error = fitted(&takes, &about()).unwrap_err();
     assert_eq!(
         error,
@@ -351,21 +383,35 @@ fn one_view_needs_a_ruler_and_then_does() {
 
 #[test]
 fn views_from_one_side_do_not_tell_the_radius() {
-    let mut takes = takes(2, 0.4);
+    let mut takes = ordinary_takes(2, 0.4);
     takes[1].camera_from_world = pose(1.31, 0.9);
     let error = fitted(&takes, &about()).unwrap_err();
     assert!(matches!(error, BallError::RadiusUnknown { .. }), "{error}");
 }
 
 #[test]
-fn a_ball_that_was_moved_is_named() {
-    let mut takes = takes(4, 0.4);
+#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
+fn the_picture_in_which_the_ball_was_moved_is_left_out() {
+    let mut takes = ordinary_takes(4, 0.4);
     takes[2].moved_m = DVec3::new(0.003, 0.002, 0.0);
-    let error = fitted(&takes, &about()).unwrap_err();
-    assert!(
-        matches!(&error, BallError::Disagree { worst, .. } if worst == "view 2"),
-        "{error}"
-    );
+    let fit = fitted(&takes, &about()).expect("three agree");
+    println!("{fit:?}");
+    let is_used = fit.views.iter().map(|view| matches!(view, ViewResult::Used(_)));
+    assert_eq!(is_used.collect::<Vec<_>>(), [true, true, false, true]);
+    let off = (fit.ball.center_m - BALL.center_m).length();
+    assert!(off < 1e-4, "{off}");
+}
+
+#[test]
+#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
+fn a_card_before_a_fifth_of_the_ball_does_no_harm() {
+    let mut takes = ordinary_takes(4, 0.4);
+    takes[1].covered = 0.2;
+    let fit = fitted(&takes, &about()).expect("the ball is there");
+    println!("{fit:?}");
+    let [median, p95] = direction_errors_deg(&fit, &takes);
+    println!("median {median:.3}°, p95 {p95:.3}°");
+    assert!(median <= 0.15 && p95 <= 0.35, "{median} {p95}");
 }
 
 #[test]
@@ -374,7 +420,7 @@ fn a_ball_that_is_elsewhere_is_not_found() {
         center_m: BALL.center_m + DVec3::new(0.3, 0.3, 0.0),
         ..about()
     };
-    let error = fitted(&takes(2, 0.4), &elsewhere).unwrap_err();
+    let error = fitted(&ordinary_takes(2, 0.4), &elsewhere).unwrap_err();
     assert!(matches!(error, BallError::NotSeen { .. }), "{error}");
 }
 
@@ -391,7 +437,7 @@ fn the_program_writes_the_ball_into_the_rig() {
             &rig,
             &Take {
                 camera_from_world,
-                ..takes(1, 0.3)[0]
+                ..ordinary_takes(1, 0.3)[0]
             },
         );
         let file = pictures.join(format!("{index}.png"));

@@ -4,6 +4,7 @@ use std::process::{Command, Output};
 
 use mirrorball_calib::{
     response::ResponseCurve,
+    tag::Family,
     timing::{Sample, TimingError, align, blink, latency, motion},
 };
 
@@ -233,24 +234,30 @@ fn latency_has_a_mean_and_a_spread() {
     assert!((found.spread_s - 1.0 / 60.0 / 12f64.sqrt()).abs() < 1.5e-3);
 }
 
-/// Where a marker on an irregular path is seen by a camera turned against the other one.
+/// Where a marker is at a time, metres before a camera: on an irregular path, or to and fro with a period; the other camera is
+/// turned against the first.
+fn place_m(time_s: f64, is_other: bool, period_s: Option<f64>) -> [f64; 3] {
+    let wave = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * time_s + phase).sin();
+    let (x, y, z) = match period_s {
+        Some(period_s) => (0.1 * wave(1.0 / period_s, 0.0), 0.0, 0.6),
+        None => (
+            0.08 * wave(0.71, 0.0) + 0.05 * wave(0.413, 1.0),
+            0.06 * wave(0.57, 2.0) + 0.03 * wave(0.91, 0.5),
+            0.6 + 0.05 * wave(0.31, 1.5),
+        ),
+    };
+    if is_other {
+        [0.8 * x - 0.6 * z + 0.4, y, 0.6 * x + 0.8 * z + 0.1]
+    } else {
+        [x, y, z]
+    }
+}
+
+/// How a camera of 600 pixels' focal length sees the marker.
 fn watch(camera: &Camera, is_other: bool, period_s: Option<f64>, noise: &mut Noise) -> Vec<motion::Sighting> {
     let sighting = |start: f64, noise: &mut Noise| {
         let middle = start + 0.5 * camera.exposure_s;
-        let wave = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * middle + phase).sin();
-        let (x, y, z) = match period_s {
-            Some(period_s) => (0.1 * wave(1.0 / period_s, 0.0), 0.0, 0.6),
-            None => (
-                0.08 * wave(0.71, 0.0) + 0.05 * wave(0.413, 1.0),
-                0.06 * wave(0.57, 2.0) + 0.03 * wave(0.91, 0.5),
-                0.6 + 0.05 * wave(0.31, 1.5),
-            ),
-        };
-        let (x, y, z) = if is_other {
-            (0.8 * x - 0.6 * z + 0.4, y, 0.6 * x + 0.8 * z + 0.1)
-        } else {
-            (x, y, z)
-        };
+        let [x, y, z] = place_m(middle, is_other, period_s);
         motion::Sighting {
             middle_s: middle + camera.offset_s + camera.drift * middle,
             place_px: [
@@ -330,9 +337,13 @@ fn a_pendulum_and_a_marker_that_stands_still_are_refused() {
 
 const RIG: &str = include_str!("support/rig.toml");
 
-/// Records small pictures of two cameras; a light and a display stand at fixed places in them.
-fn record(folder: &std::path::Path, cameras: &[(&str, Camera)], lights: &[(u32, &[f64])], duration_s: f64) {
-    const SIZE: Size = Size { width: 64, height: 32 };
+/// Records pictures of two cameras, drawn by a camera's name, the true start of the exposure and its length.
+fn record(
+    folder: &std::path::Path,
+    cameras: &[(&str, Camera)],
+    (size, duration_s): (Size, f64),
+    mut draw: impl FnMut(&str, [f64; 2]) -> Vec<u8>,
+) {
     let description = |(name, _): &(&str, Camera)| CameraDescription {
         name: (*name).into(),
         role: if *name == "scene" {
@@ -340,15 +351,15 @@ fn record(folder: &std::path::Path, cameras: &[(&str, Camera)], lights: &[(u32, 
         } else {
             CameraRole::Fisheye
         },
-        size: SIZE,
+        size,
         format: PixelFormat::Rgb8,
     };
+    let size_px = format!("size_px = [{}, {}]", size.width, size.height);
     let rig = RIG
-        .replace("size_px = [640, 480]", "size_px = [64, 32]")
-        .replace("size_px = [640, 640]", "size_px = [64, 32]");
+        .replace("size_px = [640, 480]", &size_px)
+        .replace("size_px = [640, 640]", &size_px);
     let descriptions: Vec<CameraDescription> = cameras.iter().map(description).collect();
     let mut writer = FolderWriter::create(folder, &descriptions, &rig).expect("a temporary folder can be written");
-    let response = ResponseCurve::srgb();
     let mut noise = Noise(3);
     for (name, camera) in cameras {
         let frames = starts(camera, &mut noise)
@@ -356,13 +367,6 @@ fn record(folder: &std::path::Path, cameras: &[(&str, Camera)], lights: &[(u32, 
             .take_while(|start| *start < duration_s)
             .enumerate();
         for (sequence, start) in frames {
-            let mut pixels = Vec::new();
-            for index in 0..SIZE.width * SIZE.height {
-                let column = index % SIZE.width;
-                let light = lights.iter().find(|(left, _)| (*left..left + 16).contains(&column));
-                let lit = light.map_or(0.3, |(_, changes)| 0.1 + 0.5 * lit(changes, start, camera.exposure_s));
-                pixels.extend([response.encode(lit + 0.005 * noise.normal()); 3]);
-            }
             let stamp_s = 10.0 + start + camera.offset_s + camera.drift * start;
             let exposure = Exposure {
                 time_s: camera.exposure_s,
@@ -371,14 +375,74 @@ fn record(folder: &std::path::Path, cameras: &[(&str, Camera)], lights: &[(u32, 
             };
             let frame = Frame {
                 meta: FrameMeta::new((*name).into(), sequence as u64, (1e9 * stamp_s) as u64, exposure),
-                size: SIZE,
+                size,
                 format: PixelFormat::Rgb8,
-                pixels: pixels.into(),
+                pixels: draw(name, [start, camera.exposure_s]).into(),
             };
             writer.write(&frame).expect("a temporary folder can be written");
         }
     }
     writer.finish().expect("a temporary folder can be written");
+}
+
+/// Records small pictures of lights: the left edge of each, and its changes.
+fn record_lights(folder: &std::path::Path, cameras: &[(&str, Camera)], lights: &[(u32, &[f64])], duration_s: f64) {
+    const SIZE: Size = Size { width: 64, height: 32 };
+    let response = ResponseCurve::srgb();
+    let mut noise = Noise(4);
+    record(folder, cameras, (SIZE, duration_s), |_, [start, exposure_s]| {
+        let lights: Vec<(u32, f64)> = lights
+            .iter()
+            .map(|(left, changes)| (*left, 0.1 + 0.5 * lit(changes, start, exposure_s)))
+            .collect();
+        let columns = (0..SIZE.width * SIZE.height).map(|index| index % SIZE.width);
+        let pixel = |column| {
+            let light = lights.iter().find(|(left, _)| (*left..left + 16).contains(&column));
+            [response.encode(light.map_or(0.3, |(_, light)| *light) + 0.005 * noise.normal()); 3]
+        };
+        columns.flat_map(pixel).collect()
+    });
+}
+
+/// Records small pictures of the marker tag36h11:0 on the irregular path, without motion blur; `probe` is the other camera.
+fn record_marker(folder: &std::path::Path, cameras: &[(&str, Camera)], duration_s: f64) {
+    const SIZE: Size = Size { width: 128, height: 96 };
+    const FOCAL_PX: f64 = 92.0;
+    const SIDE_M: f64 = 0.14;
+    const PARTS: u32 = 3;
+    let cells = Family::Tag36h11.cells(0).expect("it has that code");
+    let n = f64::from(Family::Tag36h11.cells_per_side());
+    let white = |x: f64, y: f64| {
+        // The code, a black border and a white margin of one cell each, grey beyond.
+        match (x.floor(), y.floor()) {
+            (x, y) if (0.0..n).contains(&x) && (0.0..n).contains(&y) => {
+                if cells[(y * n + x) as usize] {
+                    0.7
+                } else {
+                    0.03
+                }
+            }
+            (x, y) if (-1.0..=n).contains(&x) && (-1.0..=n).contains(&y) => 0.03,
+            (x, y) if (-2.0..=n + 1.0).contains(&x) && (-2.0..=n + 1.0).contains(&y) => 0.7,
+            _ => 0.2,
+        }
+    };
+    let response = ResponseCurve::srgb();
+    record(folder, cameras, (SIZE, duration_s), |name, [start, exposure_s]| {
+        let [x, y, z] = place_m(start + 0.5 * exposure_s, name == "probe", None);
+        let cell_px = FOCAL_PX * SIDE_M / (n + 2.0) / z;
+        let corner = [64.0 + FOCAL_PX * x / z, 48.0 + FOCAL_PX * y / z].map(|middle| middle - 0.5 * n * cell_px);
+        let pixel = |index: u32| {
+            let at = [index % SIZE.width, index / SIZE.width].map(f64::from);
+            let part = |i: u32| (f64::from(i) + 0.5) / f64::from(PARTS) - 0.5;
+            let parts = (0..PARTS * PARTS).map(|i| {
+                let (x, y) = (at[0] + part(i % PARTS) - corner[0], at[1] + part(i / PARTS) - corner[1]);
+                white(x / cell_px, y / cell_px)
+            });
+            [response.encode(parts.sum::<f64>() / f64::from(PARTS * PARTS)); 3]
+        };
+        (0..SIZE.width * SIZE.height).flat_map(pixel).collect()
+    });
 }
 
 fn run(arguments: &[&str]) -> Output {
@@ -409,11 +473,11 @@ fn the_program_compares_clocks_and_writes_numbers_and_a_page() {
         drift: 0.0,
     };
     let recording = folder.path().join("recording");
-    record(
+    record_lights(
         &recording,
         &[("scene", scene), ("probe", probe)],
         &[(16, &changes)],
-        25.0,
+        15.0,
     );
     let (numbers, page) = (folder.path().join("t.json"), folder.path().join("t.html"));
     let text = |path: &std::path::Path| path.display().to_string();
@@ -475,7 +539,7 @@ fn the_program_measures_a_displays_latency() {
         drift: 0.0,
     };
     let recording = folder.path().join("recording");
-    record(&recording, &[("scene", camera)], &[(0, &changes), (32, &shown)], 20.0);
+    record_lights(&recording, &[("scene", camera)], &[(0, &changes), (32, &shown)], 15.0);
     let numbers = folder.path().join("t.json");
     let output = run(&[
         "timing",
@@ -502,4 +566,55 @@ fn the_program_measures_a_displays_latency() {
         numbers["mean_sigma_ms"].as_f64().unwrap(),
     );
     assert!((mean_ms - 62.5).abs() < (4.0 * sigma_ms).min(1.5), "{numbers}");
+}
+
+#[test]
+fn the_program_compares_clocks_by_a_marker_that_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Camera {
+        rate_hz: 30.0,
+        exposure_s: 4e-3,
+        offset_s: 0.0,
+        drift: 0.0,
+    };
+    let probe = Camera {
+        rate_hz: 25.0,
+        exposure_s: 8e-3,
+        offset_s: -0.0371,
+        drift: 0.0,
+    };
+    let recording = folder.path().join("recording");
+    record_marker(&recording, &[("scene", scene), ("probe", probe)], 12.0);
+    let numbers = folder.path().join("t.json");
+    let (recording, file) = (recording.display().to_string(), numbers.display().to_string());
+    let moving = [
+        "timing",
+        "--recording",
+        &recording,
+        "--cameras",
+        "scene,probe",
+        "--kind",
+        "motion",
+    ];
+    let output = run(&[&moving[..], &["--json", &file]].concat());
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let numbers = json(&numbers);
+    let (offset_ms, sigma_ms) = (
+        numbers["offset_ms"].as_f64().unwrap(),
+        numbers["offset_sigma_ms"].as_f64().unwrap(),
+    );
+    assert!((offset_ms + 37.1).abs() < (4.0 * sigma_ms).min(0.5), "{numbers}");
+    let output = run(&[&moving[..], &["--marker", "7"]].concat());
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("no marker is seen by both cameras"), "{said}");
+    // A rig file holds no times.
+    let output = run(&[&moving[..], &["--out", &file]].concat());
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--out"));
 }

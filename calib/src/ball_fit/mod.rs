@@ -153,11 +153,9 @@ pub enum BallError {
     },
     /// The outlines are not of one ball that stands still.
     #[error(
-        "the outlines disagree: only `{agreeing}` of `{seen}` are of one ball; furthest off is `{worst}` by `{error_px:.1}` px"
+        "the outlines disagree: no majority of `{seen}` is of one ball that stands still; furthest off is `{worst}` by `{error_px:.1}` px"
     )]
     Disagree {
-        /// Pictures that agree.
-        agreeing: usize,
         /// Pictures with an outline.
         seen: usize,
         /// The one furthest off.
@@ -171,6 +169,10 @@ pub enum BallError {
 }
 
 /// Finds the ball in pictures.
+///
+/// Known limit: with three pictures and a first radius wrong by 1 %, outlines can settle on the reflections just beside the edge
+/// (seen once on rendered pictures: centre off by 0.7 mm, radius by 0.25 mm, seven of the standard deviations handed out). It
+/// shows in [`Agreement::share`], 0.4 where 0.7 to 0.85 is usual.
 ///
 /// # Errors
 /// [`BallError`] when the pictures do not tell.
@@ -203,7 +205,9 @@ pub fn fit(views: &[BallView<'_>], prior: &BallPrior) -> Result<BallFit, BallErr
             settings.blur_px = most_likely_blur(views, &ball, prior.reflectance, settings);
         }
         let sightings = look(views, &ball, prior.reflectance, settings);
-        let solution = solve_for(views, &sightings, &ball, prior)?;
+        // From where the ball is not, and with the wrong blur, good pictures' outlines are further off than they say.
+        let expected_scale = if round == 0 { solve::MAX_SCALE } else { 1.0 };
+        let solution = solve_for(views, &sightings, prior, (&ball, expected_scale))?;
         let moved = (solution.ball.center_m - ball.center_m).length() + (solution.ball.radius_m - ball.radius_m).abs();
         ball = solution.ball;
         settings.search_m = 0.003;
@@ -212,7 +216,7 @@ pub fn fit(views: &[BallView<'_>], prior: &BallPrior) -> Result<BallFit, BallErr
         }
     }
     let sightings = look(views, &ball, prior.reflectance, settings);
-    let solution = solve_for(views, &sightings, &ball, prior)?;
+    let solution = solve_for(views, &sightings, prior, (&ball, 1.0))?;
     finish(views, &sightings, &solution, settings.blur_px)
 }
 
@@ -259,8 +263,8 @@ fn look(views: &[BallView<'_>], ball: &MirrorBall, reflectance: Vec3, settings: 
 fn solve_for(
     views: &[BallView<'_>],
     sightings: &Sightings,
-    start: &MirrorBall,
     prior: &BallPrior,
+    (start, expected_scale): (&MirrorBall, f64),
 ) -> Result<solve::Solution, BallError> {
     let mut seen: Vec<solve::Seen> = views
         .iter()
@@ -273,22 +277,7 @@ fn solve_for(
     match (seen.as_slice(), prior.measured_radius) {
         ([], _) => Err(not_seen(views, sightings)),
         ([one], None) => Err(BallError::OneView { view: only(one.index) }),
-        _ => {
-            let solution = solve::robust(&seen, start, prior.measured_radius).ok_or(BallError::NotConverged)?;
-            let agreeing = solution.used.len();
-            // Two that agree by chance are no majority of four.
-            let is_minority = seen.len() > 2 && 2 * agreeing <= seen.len();
-            if is_minority || solution.is_contradictory() {
-                let (worst, error_px) = solution.worst;
-                return Err(BallError::Disagree {
-                    agreeing: if solution.is_contradictory() { 1 } else { agreeing },
-                    seen: seen.len(),
-                    worst: only(worst),
-                    error_px,
-                });
-            }
-            Ok(solution)
-        }
+        _ => solve::robust(&seen, start, prior.measured_radius, expected_scale).ok_or(BallError::NotConverged),
     }
 }
 
@@ -311,6 +300,15 @@ fn finish(
     solution: &solve::Solution,
     blur_px: f64,
 ) -> Result<BallFit, BallError> {
+    // Not before the last look, for the same reason.
+    if solution.is_contradictory() {
+        let (worst, error_px) = solution.worst;
+        return Err(BallError::Disagree {
+            seen: sightings.iter().flatten().count(),
+            worst: views[worst].name.clone(),
+            error_px,
+        });
+    }
     let sigma_m = solution.covariance_m2[(3, 3)].sqrt();
     let allowed_m = MAX_RADIUS_SIGMA * solution.ball.radius_m;
     if sigma_m.is_nan() || sigma_m > allowed_m {

@@ -20,7 +20,7 @@ const CONTRADICTION: f64 = 33.0;
 /// Pictures nearer to each other than this are from the same side: 15°, which turn the reflections at the rim by 30°.
 const SAME_SIDE_RAD: f64 = 0.262;
 /// Largest factor between expected and found standard deviations of views that agree.
-const MAX_SCALE: f64 = 6.0;
+pub(super) const MAX_SCALE: f64 = 6.0;
 
 /// A view's cone in the form that is solved for.
 #[derive(Debug, Clone)]
@@ -145,10 +145,17 @@ impl Seen {
     }
 }
 
-/// Solves, and leaves out views that contradict, the worst first.
-pub(super) fn robust(seen: &[Seen], start: &MirrorBall, radius: Option<Measured>) -> Option<Solution> {
+/// Solves, and leaves out views that contradict, the worst first, as long as a majority remains: few views always agree, and two
+/// prove nothing against two others. Outlines are expected to be off by `expected_scale` times their standard deviations, 1 or
+/// more.
+pub(super) fn robust(
+    seen: &[Seen],
+    start: &MirrorBall,
+    radius: Option<Measured>,
+    expected_scale: f64,
+) -> Option<Solution> {
     let mut used: Vec<&Seen> = seen.iter().collect();
-    let fewest = if radius.is_some() { 1 } else { 2 };
+    let majority = seen.len() / 2 + 1;
     let mut worst_of_all: Option<(usize, f64)> = None;
     loop {
         let (solved, normal) = solve(&used, state(start, 0.0), radius)?;
@@ -158,9 +165,9 @@ pub(super) fn robust(seen: &[Seen], start: &MirrorBall, radius: Option<Measured>
         let furthest = furthest.max_by(|a, b| a.1.total_cmp(&b.1))?;
         let worst = worst_of_all.get_or_insert(furthest);
         // A wrong view pulls the solution, and all views are off then: the one without which the others agree best is wrong.
-        if used.len() > fewest.max(2)
+        if used.len() > majority
             && let Some((position, rest)) = best_without_one(&used, &solved, radius)
-            && sum - rest > CONTRADICTION * (rest / freedom(used.len() - 1)).max(1.0)
+            && sum - rest > CONTRADICTION * (rest / freedom(used.len() - 1)).max(expected_scale.powi(2))
         {
             let removed = used.remove(position);
             let (others, _) = solve(&used, solved, radius)?;
@@ -306,7 +313,7 @@ mod tests {
         fn exact_cones_give_the_ball(x in -0.004f64..0.004, y in -0.004f64..0.004, grown in 0.8f64..1.25) {
             let views: Vec<Seen> = around(3).into_iter().enumerate().map(|(i, pose)| seen(i, pose, &BALL, [0.0; 3])).collect();
             let start = MirrorBall { center_m: BALL.center_m + DVec3::new(x, y, -x), radius_m: grown * BALL.radius_m };
-            let solution = robust(&views, &start, None).unwrap();
+            let solution = robust(&views, &start, None, 1.0).unwrap();
             prop_assert!((solution.ball.center_m - BALL.center_m).length() < 1e-8);
             prop_assert!((solution.ball.radius_m - BALL.radius_m).abs() < 1e-8);
         }
@@ -336,7 +343,7 @@ mod tests {
                 .enumerate()
                 .map(|(i, pose)| seen(i, pose, &BALL, [0.1 * normal(), 0.1 * normal(), 0.1 * normal() + blur]))
                 .collect();
-            let solution = robust(&views, &BALL, None).unwrap();
+            let solution = robust(&views, &BALL, None, 1.0).unwrap();
             let covariance = solution.covariance_m2 / solution.scale.powi(2);
             let offset = solution.ball.center_m - BALL.center_m;
             let error = nalgebra::Vector4::new(offset.x, offset.y, offset.z, solution.ball.radius_m - BALL.radius_m);
@@ -354,9 +361,58 @@ mod tests {
             .map(|(i, pose)| seen(i, pose, &BALL, [0.0; 3]))
             .collect();
         views[3] = seen(3, around(5)[3], &BALL, [5.0, -3.0, 1.0]);
-        let solution = robust(&views, &BALL, None).unwrap();
+        let solution = robust(&views, &BALL, None, 1.0).unwrap();
         assert_eq!(solution.used, [0, 1, 2, 4]);
         assert_eq!(solution.worst.0, 3);
         assert!((solution.ball.center_m - BALL.center_m).length() < 1e-6);
+    }
+
+    #[test]
+    fn one_of_four_is_left_out_though_the_others_are_worse_than_expected() {
+        // Outlines three and more standard deviations off.
+        let errors = [
+            [0.3, -0.2, 0.25],
+            [-0.35, 0.1, -0.3],
+            [0.1, 0.3, 0.2],
+            [-0.2, -0.3, -0.25],
+        ];
+        for wrong in 0..4 {
+            let cone = |i: usize, pose: Pose| {
+                let ball = MirrorBall {
+                    center_m: BALL.center_m + DVec3::new(0.003, 0.002, 0.0) * f64::from(u8::from(i == wrong)),
+                    ..BALL
+                };
+                seen(i, pose, &ball, errors[i])
+            };
+            let views: Vec<Seen> = around(4)
+                .into_iter()
+                .enumerate()
+                .map(|(i, pose)| cone(i, pose))
+                .collect();
+            let solution = robust(&views, &BALL, None, 1.0).unwrap();
+            let others: Vec<usize> = (0..4).filter(|i| *i != wrong).collect();
+            assert_eq!(solution.used, others);
+            assert_eq!(solution.worst.0, wrong);
+            assert!(!solution.is_contradictory(), "{}", solution.scale);
+            assert!((solution.ball.center_m - BALL.center_m).length() < 5e-4);
+        }
+    }
+
+    #[test]
+    fn two_against_two_contradict() {
+        let cone = |i: usize, pose: Pose| {
+            let moved = DVec3::new(0.004, 0.0, 0.0) * f64::from(u8::from(i >= 2));
+            let ball = MirrorBall {
+                center_m: BALL.center_m + moved,
+                ..BALL
+            };
+            seen(i, pose, &ball, [0.0; 3])
+        };
+        let views: Vec<Seen> = around(4)
+            .into_iter()
+            .enumerate()
+            .map(|(i, pose)| cone(i, pose))
+            .collect();
+        assert!(robust(&views, &BALL, None, 1.0).unwrap().is_contradictory());
     }
 }

@@ -29,10 +29,10 @@ use std::{
 };
 
 use mirrorball_calib::{
-    rig::{Rig, RigError, check::RigMismatch},
+    rig::{Rig, RigError, RigParts, check::RigMismatch},
     tag::{Family, PictureError},
 };
-use mirrorball_capture::SourceError;
+use mirrorball_capture::{Pace, Repeat, SourceError, recording::mcap::McapPlayer};
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -144,6 +144,42 @@ pub(crate) fn read_rig(file: &Path) -> Result<Rig, CommandError> {
         source,
     })?;
     Rig::from_toml(&text, file).map_err(|source| CommandError::Rig {
+        file: file.to_owned(),
+        source: Box::new(source),
+    })
+}
+
+/// What the rig file in a recording says of the rig, and that file's name; `None` where the recording holds none, or an
+/// empty one.
+pub(crate) fn own_rig(recording: &Path) -> Result<Option<(PathBuf, RigParts)>, CommandError> {
+    let (file, text) = if recording.is_file() {
+        let player =
+            McapPlayer::open(recording, Pace::Max, Repeat::ONCE).map_err(|source| CommandError::Recording {
+                folder: recording.to_owned(),
+                source: Box::new(source),
+            })?;
+        (recording.to_owned(), player.rig().unwrap_or_default().to_owned())
+    } else {
+        let file = recording.join("rig.toml");
+        let text = match fs::read_to_string(&file) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+            read => read.map_err(|source| CommandError::ReadRig {
+                file: file.clone(),
+                source,
+            })?,
+        };
+        (file, text)
+    };
+    if text.trim().is_empty() {
+        return Ok(None);
+    }
+    let parts = parts(&text, &file)?;
+    Ok(Some((file, parts)))
+}
+
+/// What there is of a rig in the text of a rig file.
+pub(crate) fn parts(text: &str, file: &Path) -> Result<RigParts, CommandError> {
+    RigParts::from_toml(text, file).map_err(|source| CommandError::Rig {
         file: file.to_owned(),
         source: Box::new(source),
     })

@@ -49,9 +49,23 @@ pub(crate) struct Args {
     /// Number of the marker that moves; by default the one that both see most often.
     #[arg(long, value_name = "ID")]
     marker: Option<u32>,
-    /// File for the numbers, and for a page with the signals.
-    #[command(flatten)]
-    output: OutputArgs,
+    /// File for the numbers.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// File for a page with the signals.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+impl Args {
+    /// A rig file holds no times: there is no `--out`.
+    fn outputs(&self) -> OutputArgs {
+        OutputArgs {
+            out: None,
+            json: self.json.clone(),
+            report: self.report.clone(),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -112,7 +126,7 @@ pub(crate) enum TimingCommandError {
     Search {
         picture: String,
         #[source]
-        source: mirrorball_calib::tag::PictureError,
+        source: mirrorball_calib::tag::LumaError,
     },
     #[error("cannot tell the times")]
     Timing(#[from] TimingError),
@@ -168,6 +182,7 @@ struct Found {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.outputs().check()?;
     if !(args.max_ms > 0.0 && args.max_ms <= 10_000.0) {
         return Err(TimingCommandError::Range { value: args.max_ms }.into());
     }
@@ -177,8 +192,8 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         (None, Kind::Motion) => moving(args)?,
     };
     found.print(out).map_err(CommandError::Output)?;
-    args.output.write_json(&found.numbers())?;
-    args.output.write_report(|| report::report(&found))?;
+    args.outputs().write_json(&found.numbers())?;
+    args.outputs().write_report(|| report::report(&found))?;
     Ok(())
 }
 
@@ -304,7 +319,7 @@ impl Found {
                 if offset_sigma_ms > WANTED_MS {
                     writeln!(
                         out,
-                        "warning: record longer, or expose longer, to know the offset to half a millisecond"
+                        "warning: the offset may be off by more than half a millisecond: expose for half of the frame interval, or record longer"
                     )?;
                 }
                 Ok(())

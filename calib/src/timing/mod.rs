@@ -10,6 +10,12 @@
 //! - [`blink`] finds when a light went on and off: a frame that was exposed while it changed is lit for a fraction of its
 //!   exposure and tells the instant to a fraction of a millisecond; where it changed between exposures only the gap is
 //!   known. [`align`] combines edges of both kinds from two cameras by their likelihood.
+//!   How sure that is depends on how many changes fall into exposures: the offset is good to half a millisecond where its
+//!   standard deviation is below a quarter of one, and that is told. The light must blink irregularly, 6 times a second or so. In
+//!   90 s, simulated (`cargo test --test timing irregular`), exposures of half of the frame interval give 0.02 ms; 2 ms at 60 Hz
+//!   0.1 to 0.25 ms; 2 ms at 30 Hz, of which a camera spends 6 % exposing, 0.2 to 0.6 ms, with errors up to 0.8 ms: two
+//!   cameras in step then see most changes in the same gaps, which tell nothing however they are combined. Expose for a
+//!   quarter of the frame interval or more in at least one camera, and for half of it in both if that does not saturate.
 //! - [`motion`] compares the paths of a marker through two pictures.
 //! - [`latency`] compares an event with its picture on a display, both seen by one camera.
 

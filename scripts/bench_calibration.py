@@ -208,9 +208,9 @@ def opencv_fisheye(objects, images, size):
 def mrcal(camera, seen, folder):
     """mrcal knows boards with one spacing only, so it gets the lower-left corners of all markers, a quarter of all corners.
 
-    There are no outliers, and its search for them is off: of a bowed board it takes two in five corners for outliers, whole views
-    among them, after which its normal matrix is singular. Without the search it now and then ends at several pixels, as single
-    views stay in the wrong one of a plane's two poses; that counts as a failure.
+    It is run with and without its search for outliers, and the better counts. Its start leaves single views in the wrong one of a
+    plane's two poses: without the search it then ends at several pixels, with it the views are taken for outliers whole, after
+    which the normal matrix is singular. Both is a failure.
     """
     program = shutil.which("mrcal-calibrate-cameras")
     lines = ["# filename x y level"]
@@ -221,20 +221,30 @@ def mrcal(camera, seen, folder):
             lines.append(f"{index:03}.png - - -" if pixel is None else f"{index:03}.png {pixel[0]:.9f} {pixel[1]:.9f} 0")
     (folder / "corners.vnl").write_text("\n".join(lines) + "\n")
     width, height = camera["size"]
+    tries = [mrcal_once([program, *options], camera, folder) for options in ([], ["--skip-outlier-rejection"])]
+    rms, intrinsics = min(tries, key=lambda one: one[0])
+    # Its figure has one decimal.
+    if rms > 0.5:
+        print(f"mrcal: no solution (rms {rms} px)", file=sys.stderr)
+        return None
+    return intrinsics
+
+
+def mrcal_once(command, camera, folder):
+    """Rms and parameters; an infinite rms when it fails."""
+    width, height = camera["size"]
+    for model in folder.glob("*.cameramodel"):
+        model.unlink()
     run = subprocess.run(
-        [program, "--skip-outlier-rejection", "--corners-cache", "corners.vnl", "--lensmodel", "LENSMODEL_OPENCV5", "--focal", "900", "--object-spacing",
+        [*command, "--corners-cache", "corners.vnl", "--lensmodel", "LENSMODEL_OPENCV5", "--focal", "900", "--object-spacing",
          str(SIDE_M + SPACING_M), "--object-width-n", str(COLUMNS), "--imagersize", str(width), str(height), "*.png"],
         capture_output=True, text=True, cwd=folder)
     models = list(folder.glob("*.cameramodel"))
     if run.returncode or not models:
-        print("mrcal:", (run.stderr.strip().splitlines() or ["no model"])[-1][:160], file=sys.stderr)
-        return None
+        return np.inf, None
     rms = float(re.search(r"RMS reprojection error: ([0-9.]+)", run.stdout).group(1))
-    if rms > 1:
-        print(f"mrcal: no solution (rms {rms} px)", file=sys.stderr)
-        return None
     numbers = re.search(r"'intrinsics':\s*\[([^\]]*)\]", models[0].read_text())
-    return np.array([float(x) for x in numbers.group(1).replace("\n", " ").split(",") if x.strip()])
+    return rms, np.array([float(x) for x in numbers.group(1).replace("\n", " ").split(",") if x.strip()])
 
 
 def synthetic(arguments):

@@ -1,5 +1,7 @@
 //! From pictures to a lens: boards rendered with exactly known corners, detected, calibrated, compared with the truth.
 
+#![allow(clippy::print_stdout, reason = "the figures, with --nocapture")]
+
 #[path = "support/board_pictures.rs"]
 mod board_pictures;
 

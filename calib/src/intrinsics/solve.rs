@@ -172,7 +172,7 @@ impl Solver<'_> {
             .all(|sigma| *sigma < KNOWN_FLAT * self.board.diagonal_m);
         let warp = Vector3::from(bent.state.warp);
         let deviation = of_warp
-            .and_then(|of_warp| of_warp.cholesky())
+            .and_then(Matrix3::cholesky)
             .map(|factor| warp.dot(&factor.solve(&warp)));
         if !known || deviation.is_none_or(|deviation| deviation > BENT) {
             return Ok(Solved {

@@ -1,4 +1,5 @@
 //! Synthetic truth, found again.
+#![allow(clippy::print_stdout, reason = "the figures, with --nocapture")]
 
 use glam::{DMat3, DVec2};
 

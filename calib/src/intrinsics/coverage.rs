@@ -69,7 +69,9 @@ pub struct Advice {
     pub corners: Vec<u32>,
     /// Cells from left to right.
     pub columns: usize,
-    /// Views with the board facing straight at the camera, to the left, to the right, up and down.
+    /// Views with the board facing straight at the camera, to the left, to the right, up and down. Counted is where the normal of
+    /// its printed side points, against the line from the board's middle to the camera: a board at the edge of the picture that
+    /// is parallel to the sensor is tilted, as it is seen obliquely.
     pub tilts: [usize; 5],
 }
 

@@ -64,9 +64,11 @@ pub struct Calibration {
     /// Covariance of [`Intrinsics::parameters`], scaled by the variance of the residuals.
     pub covariance: DMatrix<f64>,
     /// How the board is bent: with x and y from -1 to 1 over its corners,
-    /// `z = w[0] (1 - x²) + w[1] (1 - y²) + w[2] x y`, in metres, z out of the paper.
+    /// `z = w[0] (1 - x²) + w[1] (1 - y²) + w[2] x y`, in metres, z out of the paper. All zero
+    /// where the corners do not ask for a bend: the lens is then that of a flat board.
     pub board_warp_m: [f64; 3],
-    /// Standard deviations of the warp, in metres.
+    /// Standard deviations of the warp, in metres: also of one that was found to be nothing, where they say how much of a bend
+    /// would have been noticed.
     pub board_warp_sigma_m: [f64; 3],
     /// Root mean square of the residuals' lengths, in pixels, over the corners that are believed.
     pub rms_px: f64,
@@ -249,7 +251,8 @@ pub fn calibrate(
         // A valley without an end is what views that are all alike make of the cost.
         Err(error) => return Err(results::parallel(&begun, f64::NAN, &solver, views).unwrap_or_else(|| error.into())),
     };
-    results::calibration(request, views, &solver, &minimum)
+    let solved = solver.conclude(minimum)?;
+    results::calibration(request, views, &solver, &solved)
 }
 
 /// Checks that all views have one size, and says which.

@@ -6,14 +6,12 @@ use super::{
     CalibratedView, Calibration, IntrinsicsError, MIN_VIEWS, Reach, RejectedBecause, RejectedCorner, RejectedView,
     Request, Residual, UncertaintyMap, Warning, coverage,
     problem::{Sighting, State, lens_part},
-    solve::{LEAST_NOISE, LeftOut, Solver},
+    solve::{LeftOut, Solved, Solver},
     start,
-    warp::WARP,
 };
 use crate::{
     board::BoardView,
     camera::{Intrinsics, LensModel},
-    least_squares::arrow::Minimum,
     pose::Pose,
 };
 
@@ -169,22 +167,12 @@ pub(super) fn calibration(
     request: &Request<'_>,
     views: &[BoardView],
     solver: &Solver<'_>,
-    minimum: &Minimum<State>,
+    solved: &Solved,
 ) -> Result<Calibration, IntrinsicsError> {
-    let state = &minimum.state;
+    let state = &solved.minimum.state;
     let n_parameters = solver.model.parameter_names().len();
-    let n_used: usize = solver
-        .sightings
-        .iter()
-        .map(|s| s.corners.iter().filter(|c| c.used).count())
-        .sum();
-    let n_unknowns = n_parameters + WARP + 6 * solver.sightings.len();
-    let variance = 2.0 * minimum.system.cost / (2 * n_used).saturating_sub(n_unknowns).max(1) as f64;
-    let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
-    let covariance = minimum
-        .system
-        .shared_covariance()
-        .map(|covariance| covariance * variance);
+    let covariance = solved.minimum.system.shared_covariance();
+    let covariance = covariance.map(|covariance| covariance * solved.variance);
     let sigma_focal = covariance.as_ref().map_or(f64::NAN, |covariance| {
         let relative = |i: usize| covariance[(i, i)].sqrt() / state.intrinsics.focal_px[i];
         relative(0).max(relative(1))
@@ -201,9 +189,9 @@ pub(super) fn calibration(
         intrinsics,
         covariance: lens_part(&covariance, n_parameters),
         board_warp_m: state.warp,
-        board_warp_sigma_m: std::array::from_fn(|i| covariance[(n_parameters + i, n_parameters + i)].sqrt()),
+        board_warp_sigma_m: solved.warp_sigma_m,
         rms_px: 0.0,
-        noise: variance.sqrt(),
+        noise: solved.variance.sqrt(),
         views: Vec::new(),
         rejected_corners: Vec::new(),
         rejected_views: Vec::new(),

@@ -1,6 +1,7 @@
 //! From a start to the least squares: parameters freed step by step, then outliers named in rounds.
 
 use glam::DVec2;
+use nalgebra::{Matrix3, Vector3};
 
 use super::{
     RejectedBecause,
@@ -31,7 +32,14 @@ const OUTLIER: f64 = 5.0;
 const OUTLYING_VIEW: f64 = 4.0;
 
 /// Least noise, over `sigma_px`, that is believed: corners that are exact to the last digit have outliers of rounding.
-pub(super) const LEAST_NOISE: f64 = 0.01;
+const LEAST_NOISE: f64 = 0.01;
+
+/// χ² of three degrees of freedom that one flat board in a hundred exceeds.
+const BENT: f64 = 11.345;
+
+/// Standard deviation of the warp, in parts of the board's diagonal, from which on it cannot be taken for zero: 0.2 mm on a board
+/// of 1 m, which is as flat as glass and aluminium are.
+const KNOWN_FLAT: f64 = 2e-4;
 
 /// Most rounds of naming outliers; corners on the edge could go in and out for ever.
 const MAX_ROUNDS: usize = 10;
@@ -41,6 +49,15 @@ const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_474_7;
 
 /// A view that takes no part, by its index, and why.
 pub(super) type LeftOut = (usize, RejectedBecause);
+
+/// The least squares.
+pub(super) struct Solved {
+    pub(super) minimum: Minimum<State>,
+    /// Variance of the residuals over `sigma_px`.
+    pub(super) variance: f64,
+    /// Standard deviations of the warp as long as it was free, in metres.
+    pub(super) warp_sigma_m: [f64; WARP],
+}
 
 /// A solve at work: the views that take part, and what is known of them.
 pub(super) struct Solver<'a> {
@@ -108,7 +125,7 @@ impl Solver<'_> {
         minimise(&problem, state, MAX_ITERATIONS, self.progress)
     }
 
-    /// Everything free: first robustly, then plain least squares over the corners that are believed.
+    /// Everything free, the warp too: first robustly, then plain least squares over the corners that are believed.
     ///
     /// In each round the noise is estimated from the median deviation, which outliers hardly move; what is further off than
     /// [`OUTLIER`] times that is out, what came back is in again.
@@ -129,6 +146,62 @@ impl Solver<'_> {
             state = self.stage(state, Free::all(n_parameters, WarpFree::Yes));
         }
         self.minimise(state, Free::all(n_parameters, WarpFree::Yes), Loss::Squares, 1.0)
+    }
+
+    /// What a minimum with the warp free says, with the warp taken back to zero where the corners do not ask for one: three
+    /// numbers that mean nothing cost accuracy.
+    ///
+    /// Wald's test of nested models (Seber and Wild, "Nonlinear regression", 1989, section 5.3): of a flat board `wᵀ C⁻¹ w`,
+    /// with C the covariance of the warp, is distributed like χ² with three degrees of freedom; there are thousands of
+    /// corners, so the limit of the F distribution is meant. Where the views cannot tell a flat board from a bent one
+    /// ([`KNOWN_FLAT`]) the warp stays free, and its uncertainty is part of the lens's.
+    pub(super) fn conclude(&mut self, bent: Minimum<State>) -> Result<Solved, SolveError> {
+        let n_parameters = self.model.parameter_names().len();
+        let variance = self.variance(&bent, n_parameters + WARP);
+        let covariance = bent.system.shared_covariance().map(|covariance| covariance * variance);
+        let of_warp: Option<Matrix3<f64>> = covariance.map(|covariance| {
+            covariance
+                .fixed_view::<WARP, WARP>(n_parameters, n_parameters)
+                .into_owned()
+        });
+        let warp_sigma_m = of_warp.map_or([f64::NAN; WARP], |of_warp| {
+            std::array::from_fn(|i| of_warp[(i, i)].max(0.0).sqrt())
+        });
+        let known = warp_sigma_m
+            .iter()
+            .all(|sigma| *sigma < KNOWN_FLAT * self.board.diagonal_m);
+        let warp = Vector3::from(bent.state.warp);
+        let deviation = of_warp
+            .and_then(Matrix3::cholesky)
+            .map(|factor| warp.dot(&factor.solve(&warp)));
+        if !known || deviation.is_none_or(|deviation| deviation > BENT) {
+            return Ok(Solved {
+                minimum: bent,
+                variance,
+                warp_sigma_m,
+            });
+        }
+        let state = State {
+            warp: [0.0; WARP],
+            ..bent.state
+        };
+        let minimum = self.minimise(state, Free::all(n_parameters, WarpFree::No), Loss::Squares, 1.0)?;
+        Ok(Solved {
+            variance: self.variance(&minimum, n_parameters),
+            minimum,
+            warp_sigma_m,
+        })
+    }
+
+    /// Variance of the residuals over `sigma_px`.
+    fn variance(&self, minimum: &Minimum<State>, n_shared: usize) -> f64 {
+        let used = self
+            .sightings
+            .iter()
+            .map(|s| s.corners.iter().filter(|c| c.used).count());
+        let n_unknowns = n_shared + 6 * self.sightings.len();
+        let freedom = (2 * used.sum::<usize>()).saturating_sub(n_unknowns).max(1);
+        (2.0 * minimum.system.cost / freedom as f64).max(LEAST_NOISE * LEAST_NOISE)
     }
 
     /// Standard deviation of the corners' coordinates, over their `sigma_px`, from the median over all corners.

@@ -1,4 +1,5 @@
 //! Synthetic truth, found again.
+#![allow(clippy::print_stdout, reason = "the figures, with --nocapture")]
 
 use glam::{DMat3, DVec2};
 
@@ -55,6 +56,59 @@ fn a_pinhole_is_found_whether_the_board_is_flat_or_bowed() {
             assert!(off < 4.0 * sigma, "{index}: {off} {sigma}");
         }
     }
+}
+
+/// A flat board, with its warp taken for zero and with it free: mean squares of the distances over the field.
+#[test]
+fn a_board_is_bent_only_when_the_corners_ask_for_it() {
+    const SEEDS: u64 = 10;
+    let (mut flat, mut free, mut n_flat) = (0.0, 0.0, 0);
+    for seed in 1..=SEEDS {
+        let mut scene = Scene::new(pinhole(), 20, 0.9, 20 + seed);
+        let views = scene.views(SIGMA_PX, seed);
+        let found = solve(&scene, &views).unwrap();
+        n_flat += u32::from(found.board_warp_m == [0.0; 3]);
+        assert!(
+            found
+                .board_warp_sigma_m
+                .iter()
+                .all(|sigma| (1e-6..1e-4).contains(sigma))
+        );
+        flat += off_px(&scene, &found, Reach::Infinity, 180.0).powi(2);
+        free += off_with_warp_free(&scene, &views).powi(2);
+        for bow_m in [0.001, 0.0002] {
+            scene.warp_m = [0.0, bow_m, 0.0];
+            let found = solve(&scene, &scene.views(SIGMA_PX, seed)).unwrap();
+            assert!(
+                (found.board_warp_m[1] / bow_m - 1.0).abs() < 0.3,
+                "{:?}",
+                found.board_warp_m
+            );
+        }
+    }
+    println!(
+        "rms over the field: flat {:.4} px, warp free {:.4} px",
+        (flat / SEEDS as f64).sqrt(),
+        (free / SEEDS as f64).sqrt()
+    );
+    assert!(n_flat >= 9, "{n_flat}");
+    assert!(flat < 0.9 * free, "{flat} {free}");
+}
+
+fn off_with_warp_free(scene: &Scene, views: &[BoardView]) -> f64 {
+    let board = WarpedBoard::new(scene.board.corners_m());
+    let (sightings, left_out) = sightings(&board, views).unwrap();
+    let mut solver = Solver {
+        board: &board,
+        model: scene.lens.lens.model(),
+        sightings,
+        left_out,
+        progress: &mut |_| {},
+    };
+    let start = solver.start(scene.lens.size_px).unwrap();
+    let intrinsics = solver.finish(start).unwrap().state.intrinsics;
+    let difference = Difference::new(&scene.lens, &intrinsics, [32, 24], Reach::Infinity).unwrap();
+    difference.rms_px(4.0)
 }
 
 #[test]

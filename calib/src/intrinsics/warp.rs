@@ -21,6 +21,8 @@ pub(super) struct WarpedBoard {
     unit: Vec<DVec2>,
     /// Expected standard deviation of each coefficient, in metres.
     pub(super) expected_m: f64,
+    /// From the first to the last corner, in metres.
+    pub(super) diagonal_m: f64,
 }
 
 impl WarpedBoard {
@@ -32,6 +34,7 @@ impl WarpedBoard {
         Self {
             unit: unit.collect(),
             expected_m: EXPECTED * (high - low).length(),
+            diagonal_m: (high - low).length(),
             flat,
         }
     }

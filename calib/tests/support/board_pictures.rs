@@ -67,6 +67,8 @@ pub(crate) fn linear_response() -> ResponseCurve {
 /// A camera that takes pictures of boards. Rays through the corners of all pixels are made once.
 pub(crate) struct BoardCamera {
     pub(crate) intrinsics: Intrinsics,
+    /// How far the board's middle stands out of the paper's plane, in metres: `bow_m (1 - x²)`, x from -1 to 1 over its corners.
+    pub(crate) bow_m: f64,
     rays: Vec<Option<DVec3>>,
 }
 
@@ -100,6 +102,7 @@ impl BoardCamera {
             .collect();
         Self {
             intrinsics: *intrinsics,
+            bow_m: 0.0,
             rays,
         }
     }
@@ -115,13 +118,20 @@ impl BoardCamera {
             let pixel = self.intrinsics.project(camera_from_board.transform_point(corner))?;
             self.intrinsics.contains(pixel).then_some(pixel)
         };
-        board.corners_m().into_iter().map(project).collect()
+        let bow = Bow::new(board, self.bow_m);
+        let bent = |corner: DVec3| corner + DVec3::Z * bow.height_m(corner.x);
+        board
+            .corners_m()
+            .into_iter()
+            .map(|corner| project(bent(corner)))
+            .collect()
     }
 
     /// Takes a picture: three bytes per pixel.
     pub(crate) fn picture(&self, board: &Board, camera_from_board: &Pose, look: &Look) -> Vec<u8> {
         let [width, height] = self.size();
         let print = Print::new(board);
+        let bow = Bow::new(board, self.bow_m);
         let board_from_camera = camera_from_board.inverse();
         let origin = board_from_camera.translation;
         let places: Vec<Option<DVec2>> = self
@@ -129,8 +139,7 @@ impl BoardCamera {
             .par_iter()
             .map(|ray| {
                 let direction = board_from_camera.transform_vector((*ray)?);
-                let distance = -origin.z / direction.z;
-                (origin.z > 0.0 && distance > 0.0).then(|| (origin + direction * distance).truncate())
+                bow.hit(origin, direction)
             })
             .collect();
         let light: Vec<f64> = (0..width * height)
@@ -170,6 +179,48 @@ impl Noise {
     pub(crate) fn gaussian(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// The surface of a board bowed along x.
+struct Bow {
+    bow_m: f64,
+    middle_m: f64,
+    half_m: f64,
+}
+
+impl Bow {
+    fn new(board: &Board, bow_m: f64) -> Self {
+        let corners = board.corners_m();
+        let low = corners.iter().fold(f64::INFINITY, |low, p| low.min(p.x));
+        let high = corners.iter().fold(f64::NEG_INFINITY, |high, p| high.max(p.x));
+        Self {
+            bow_m,
+            middle_m: 0.5 * (low + high),
+            half_m: 0.5 * (high - low),
+        }
+    }
+
+    fn height_m(&self, x: f64) -> f64 {
+        self.bow_m * (1.0 - ((x - self.middle_m) / self.half_m).powi(2))
+    }
+
+    /// Where a ray meets the surface: the plane at the height of the last guess, again and again. A bow of a millimetre gets the
+    /// error a hundred times smaller each time.
+    fn hit(&self, origin: DVec3, direction: DVec3) -> Option<DVec2> {
+        let at = |height: f64| {
+            let distance = (height - origin.z) / direction.z;
+            (origin.z > 0.0 && distance > 0.0).then(|| (origin + direction * distance).truncate())
+        };
+        let mut place = at(0.0)?;
+        if self.bow_m != 0.0 {
+            for _ in 0..6 {
+                // Far beyond the board the parabola means nothing.
+                let reach = 1.5 * self.half_m;
+                place = at(self.height_m(place.x.clamp(self.middle_m - reach, self.middle_m + reach)))?;
+            }
+        }
+        Some(place)
     }
 }
 
@@ -246,6 +297,9 @@ impl<'a> Print<'a> {
         if high.cmplt(self.low).any() || low.cmpgt(self.high).any() {
             return AROUND;
         }
+        if [b, c, d].into_iter().all(|place| self.same_cell(a, place)) {
+            return self.light(a);
+        }
         // Hammersley's points: along either axis all are apart, so an upright edge is as smooth as a slanted one.
         let sum: f64 = (0..SAMPLES)
             .map(|i| {
@@ -255,6 +309,28 @@ impl<'a> Print<'a> {
             })
             .sum();
         sum / f64::from(SAMPLES)
+    }
+
+    /// Whether two places are in one rectangle of one colour: then all of a pixel with its corners there is. Only looked up for
+    /// grids of markers, which are most of the work.
+    fn same_cell(&self, one: DVec2, other: DVec2) -> bool {
+        let Board::AprilGrid {
+            side_m,
+            spacing_m,
+            border_bits,
+            ..
+        } = *self.board
+        else {
+            return false;
+        };
+        let bits = (self.codes[0].len().isqrt() + 2 * border_bits as usize) as f64;
+        let cell = |place: DVec2| {
+            let marker = (place / (side_m + spacing_m)).floor();
+            let within = (place - marker * (side_m + spacing_m)) / side_m;
+            (marker, (within * bits).floor().min(DVec2::splat(bits)))
+        };
+        let inside = |place: DVec2| place.cmpge(self.low).all() && place.cmple(self.high).all();
+        inside(one) && inside(other) && cell(one) == cell(other)
     }
 
     fn light(&self, place: DVec2) -> f64 {

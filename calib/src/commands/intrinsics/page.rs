@@ -159,8 +159,14 @@ fn parameters(calibration: &Calibration) -> Block {
             String::new(),
         ]);
     }
+    let mut caption = "The lens and the board, with standard deviations.".to_owned();
+    if calibration.board_warp_m == [0.0; 3] {
+        caption.push_str(
+            " The corners show no bend of the board: it was taken for flat; σ says how little would have been noticed.",
+        );
+    }
     Block::Table {
-        caption: "The lens and the board, with standard deviations".to_owned(),
+        caption,
         head: ["parameter", "value", "σ"].map(str::to_owned).to_vec(),
         rows,
     }

@@ -398,8 +398,13 @@ fn the_picture_in_which_the_ball_was_moved_is_left_out() {
     println!("{fit:?}");
     let is_used = fit.views.iter().map(|view| matches!(view, ViewResult::Used(_)));
     assert_eq!(is_used.collect::<Vec<_>>(), [true, true, false, true]);
-    let off = (fit.ball.center_m - BALL.center_m).length();
-    assert!(off < 1e-4, "{off}");
+    let off = |fit: &BallFit| (fit.ball.center_m - BALL.center_m).length();
+    assert!(off(&fit) < 1e-4, "{}", off(&fit));
+    // By themselves the three could settle on reflections beside the edge.
+    takes.remove(2);
+    let fit = fitted(&takes, &about()).expect("three are enough");
+    println!("{fit:?}");
+    assert!(off(&fit) < 1e-4, "{}", off(&fit));
 }
 
 #[test]

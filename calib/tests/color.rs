@@ -242,15 +242,16 @@ fn look(camera: usize, setting: f64) -> ([f64; 3], DVec3) {
     ((given_out / raw[camera]).to_array(), given_out)
 }
 
-#[test]
-fn the_settings_at_which_white_balances_agree_are_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+/// Records the sheet by both cameras at several settings each; the table of the settings.
+fn record_settings(folder: &Path) -> String {
     let rig = record(folder, DMat3::IDENTITY);
     let pose = looking_at(DVec3::new(0.15, 0.0, 0.0), DVec3::new(0.1, -0.35, 0.5), 0.0);
-    let cameras = [rig.scene_camera(), rig.camera("probe").unwrap()];
+    let cameras = [
+        rig.scene_camera(),
+        rig.camera("probe").expect("the rig of the tests has it"),
+    ];
     let empty = [picture(&rig, &pose, 1), vec![60; 3 * 640 * 640]];
-    let poses = [pose, cameras[1].camera_from_world.unwrap()];
+    let poses = [pose, cameras[1].camera_from_world.expect("it is fixed")];
     let mut list = "camera,sequence,timestamp_ns,file,exposure_s,gain,wb_r,wb_g,wb_b\n".to_owned();
     let mut settings = "camera,frame,setting\n".to_owned();
     for (index, all) in [&[4050.0, 5500.0][..], &[3000.0, 3500.0, 4000.0, 4500.0]]
@@ -269,14 +270,23 @@ fn the_settings_at_which_white_balances_agree_are_told() {
             );
             let [width, height] = cameras[index].intrinsics.size_px;
             let file = format!("{name}/{frame:06}.png");
-            image::save_buffer(folder.join(&file), &codes, width, height, image::ColorType::Rgb8).unwrap();
+            image::save_buffer(folder.join(&file), &codes, width, height, image::ColorType::Rgb8)
+                .expect("a folder that takes it");
             let time = 1_000_000_000 + 33_000_000 * (frame + 10 * index);
-            writeln!(list, "{name},{frame},{time},{file},0.01,1.0,{r},{g},{b}").unwrap();
-            writeln!(settings, "{name},{frame},{setting}").unwrap();
+            writeln!(list, "{name},{frame},{time},{file},0.01,1.0,{r},{g},{b}").expect("a folder that takes it");
+            writeln!(settings, "{name},{frame},{setting}").expect("a folder that takes it");
         }
     }
-    fs::write(folder.join("frames.csv"), list).unwrap();
-    fs::write(folder.join("settings.csv"), &settings).unwrap();
+    fs::write(folder.join("frames.csv"), list).expect("a folder that takes it");
+    fs::write(folder.join("settings.csv"), &settings).expect("a folder that takes it");
+    settings
+}
+
+#[test]
+fn the_settings_at_which_white_balances_agree_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let settings = record_settings(folder);
     let sheet = fs::read_to_string(folder.join("patches.toml")).unwrap();
     let ask = [
         "--cameras",

@@ -84,7 +84,6 @@ fn film(camera: &Camera, changes: &[f64], noise: &mut Noise) -> Vec<Sample> {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "figures, kept by the test runner unless asked for")]
 fn irregular_blinking_tells_offsets_to_half_a_millisecond() {
     let mut worst = 0.0f64;
     let mut squares = Vec::new();
@@ -204,7 +203,6 @@ fn what_does_not_blink_is_named() {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "figures, kept by the test runner unless asked for")]
 fn latency_has_a_mean_and_a_spread() {
     let mut noise = Noise(9);
     let changes = irregular(&mut noise);
@@ -274,7 +272,6 @@ fn watch(camera: &Camera, is_other: bool, period_s: Option<f64>, noise: &mut Noi
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "figures, kept by the test runner unless asked for")]
 fn a_moving_marker_tells_offsets_to_half_a_millisecond() {
     let mut worst = 0.0f64;
     for seed in 0..6 {

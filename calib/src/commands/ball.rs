@@ -143,6 +143,7 @@ impl Explain for BallCommandError {
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
+    args.output.check()?;
     let (file, parts) = read_parts(args)?;
     let prior = prior(args, &file, parts.ball.as_ref())?;
     let mut warnings = Vec::new();
@@ -174,13 +175,13 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         warnings,
     };
     found.print(out).map_err(CommandError::Output)?;
+    args.output.write_json(&found.numbers())?;
+    args.output.write_report(|| report::report(&found))?;
     if let Some(file) = &args.output.out {
         let mut draft = draft(file)?;
         draft.set_ball(&found.ball());
         args.output.write_rig(&draft)?;
     }
-    args.output.write_json(&found.numbers())?;
-    args.output.write_report(|| report::report(&found))?;
     Ok(())
 }
 
@@ -198,7 +199,8 @@ fn fit(
         let counted: Vec<BallView<'_>> = views
             .iter()
             .zip(&fit.views)
-            .filter_map(|(view, result)| matches!(result, ViewResult::Used(_)).then(|| view.clone()))
+            .filter(|(_, result)| matches!(result, ViewResult::Used(_)))
+            .map(|(view, _)| view.clone())
             .collect();
         let measured = measure(&counted, &fit);
         round += 1;
@@ -262,7 +264,7 @@ fn prior(args: &Args, file: &std::path::Path, ball: Option<&Ball>) -> Result<Bal
         radius_m: ball.map(|ball| ball.radius_m),
         measured_radius: radius.map(|(value_m, sigma_m)| Measured { value_m, sigma_m }),
         reflectance: reflectance
-            .map(|value| value.as_vec3())
+            .map(DVec3::as_vec3)
             .or(known)
             .unwrap_or(ball_fit::TYPICAL_REFLECTANCE),
     })

@@ -108,6 +108,8 @@ fn region(text: &str) -> Result<Region, String> {
 pub(crate) enum TimingCommandError {
     #[error("`{n}` cameras are named (allowed: 2)")]
     Cameras { n: usize },
+    #[error("`--cameras` names camera `{camera}` twice (allowed: two different ones)")]
+    OneCamera { camera: String },
     #[error("`--max-ms` is `{value}` (allowed: above 0, at most 10000)")]
     Range { value: f64 },
     #[error("pictures in a folder have no time stamps")]
@@ -139,7 +141,7 @@ impl Explain for TimingCommandError {
 
     fn hint(&self) -> Option<&str> {
         Some(match self {
-            Self::Cameras { .. } => "give `--cameras A,B`",
+            Self::Cameras { .. } | Self::OneCamera { .. } => "give `--cameras A,B`",
             Self::Range { .. } | Self::Search { .. } => return None,
             Self::NoTime => "give a recording",
             Self::NoPicture { .. } => "name cameras of the recording",
@@ -199,10 +201,17 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
 
 fn pair(args: &Args) -> Result<[String; 2], TimingCommandError> {
     let n = args.cameras.len();
-    args.cameras
+    let names: [String; 2] = args
+        .cameras
         .clone()
         .try_into()
-        .map_err(|_| TimingCommandError::Cameras { n })
+        .map_err(|_| TimingCommandError::Cameras { n })?;
+    if names[0] == names[1] {
+        return Err(TimingCommandError::OneCamera {
+            camera: names[0].clone(),
+        });
+    }
+    Ok(names)
 }
 
 fn blinking(args: &Args) -> Result<Found, CommandError> {

@@ -248,7 +248,7 @@ impl Bundle {
         match loss {
             Loss::Squares => arrow::minimise(&problem, start, MAX_ITERATIONS, &mut |_| {}),
             // On the way only; reweighted squares take long to settle their last digits.
-            Loss::Huber | Loss::Cauchy => arrow::approach(&problem, start, ROUND_ITERATIONS),
+            Loss::Huber | Loss::Cauchy => arrow::approach(&problem, start, ROUND_ITERATIONS, &mut |_| {}),
         }
     }
 

@@ -243,15 +243,18 @@ pub fn calibrate(
     if let Some(error) = results::mismatch(&solver, &state) {
         return Err(error);
     }
-    let begun = state.poses.clone();
+    let begun = results::named(&state.poses, &solver, views);
     let solved = solver.finish(state);
     results::enough(&solver.sightings, views, &solver.left_out)?;
     let minimum = match solved {
         Ok(minimum) => minimum,
         // A valley without an end is what views that are all alike make of the cost.
-        Err(error) => return Err(results::parallel(&begun, f64::NAN, &solver, views).unwrap_or_else(|| error.into())),
+        Err(error) => return Err(results::parallel(&begun, f64::INFINITY).unwrap_or_else(|| error.into())),
     };
     let solved = solver.conclude(minimum)?;
+    if let Some(error) = results::mismatch(&solver, &solved.minimum.state) {
+        return Err(error);
+    }
     results::calibration(request, views, &solver, &solved)
 }
 

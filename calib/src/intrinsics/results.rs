@@ -126,18 +126,29 @@ pub(super) fn spread(poses: &[Pose]) -> (f64, usize, usize) {
     widest
 }
 
-/// The error for views that are all parallel, if they are.
-pub(super) fn parallel(
-    poses: &[Pose],
-    sigma_focal: f64,
-    solver: &Solver<'_>,
-    views: &[BoardView],
-) -> Option<IntrinsicsError> {
-    let (spread, first, second) = spread(poses);
+/// The board's poses and the names of the views that they are of.
+pub(super) fn named(poses: &[Pose], solver: &Solver<'_>, views: &[BoardView]) -> Vec<(String, Pose)> {
+    let names = solver
+        .sightings
+        .iter()
+        .map(|sighting| views[sighting.view].name.clone());
+    names.zip(poses.iter().copied()).collect()
+}
+
+/// The error for views that are all parallel, if they are; `sigma_focal` relative to the focal length, infinite where it is not
+/// known.
+pub(super) fn parallel(named: &[(String, Pose)], sigma_focal: f64) -> Option<IntrinsicsError> {
+    let poses: Vec<Pose> = named.iter().map(|(_, pose)| *pose).collect();
+    let (spread, first, second) = spread(&poses);
     let alike = spread.to_degrees() < PARALLEL_DEG;
     let limit = if alike { UNKNOWN_FOCAL[0] } else { UNKNOWN_FOCAL[1] };
-    let name = |index: usize| views[solver.sightings[index].view].name.clone();
-    (sigma_focal.is_nan() || sigma_focal > limit).then(|| IntrinsicsError::Parallel {
+    let name = |index: usize| named.get(index).map_or_else(String::new, |(name, _)| name.clone());
+    let is_unknown = if sigma_focal.is_finite() {
+        sigma_focal > limit
+    } else {
+        alike
+    };
+    is_unknown.then(|| IntrinsicsError::Parallel {
         spread_deg: spread.to_degrees(),
         sigma_percent: 100.0 * sigma_focal,
         first: name(first),
@@ -177,7 +188,7 @@ pub(super) fn calibration(
         let relative = |i: usize| covariance[(i, i)].sqrt() / state.intrinsics.focal_px[i];
         relative(0).max(relative(1))
     });
-    if let Some(error) = parallel(&state.poses, sigma_focal, solver, views) {
+    if let Some(error) = parallel(&named(&state.poses, solver, views), sigma_focal) {
         return Err(error);
     }
     let covariance = covariance.expect("else its sigma is not a number");

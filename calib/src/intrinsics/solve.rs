@@ -13,7 +13,7 @@ use super::{
 use crate::{
     camera::{Intrinsics, Model},
     least_squares::{
-        arrow::{Iteration, Minimum, SolveError, minimise},
+        arrow::{Iteration, Minimum, SolveError, approach, minimise},
         loss::Loss,
     },
 };
@@ -110,17 +110,24 @@ impl Solver<'_> {
     /// Solves with some parameters free; where that leads nowhere the state stays.
     fn stage(&mut self, state: State, free: Free) -> State {
         let scale = self.noise(&state).unwrap_or(1.0).max(1e-3);
-        self.minimise(state.clone(), free, Loss::Huber, scale)
-            .map_or(state, |minimum| minimum.state)
-    }
-
-    fn minimise(&mut self, state: State, free: Free, loss: Loss, scale: f64) -> Result<Minimum<State>, SolveError> {
         let problem = Problem {
             board: self.board,
             sightings: &self.sightings,
             free,
-            loss,
+            loss: Loss::Huber,
             scale,
+        };
+        approach(&problem, state.clone(), MAX_ITERATIONS, self.progress).map_or(state, |minimum| minimum.state)
+    }
+
+    /// The least squares over the corners that are believed.
+    fn minimise(&mut self, state: State, free: Free) -> Result<Minimum<State>, SolveError> {
+        let problem = Problem {
+            board: self.board,
+            sightings: &self.sightings,
+            free,
+            loss: Loss::Squares,
+            scale: 1.0,
         };
         minimise(&problem, state, MAX_ITERATIONS, self.progress)
     }
@@ -145,7 +152,7 @@ impl Solver<'_> {
             }
             state = self.stage(state, Free::all(n_parameters, WarpFree::Yes));
         }
-        self.minimise(state, Free::all(n_parameters, WarpFree::Yes), Loss::Squares, 1.0)
+        self.minimise(state, Free::all(n_parameters, WarpFree::Yes))
     }
 
     /// What a minimum with the warp free says, with the warp taken back to zero where the corners do not ask for one: three
@@ -185,7 +192,7 @@ impl Solver<'_> {
             warp: [0.0; WARP],
             ..bent.state
         };
-        let minimum = self.minimise(state, Free::all(n_parameters, WarpFree::No), Loss::Squares, 1.0)?;
+        let minimum = self.minimise(state, Free::all(n_parameters, WarpFree::No))?;
         Ok(Solved {
             variance: self.variance(&minimum, n_parameters),
             minimum,

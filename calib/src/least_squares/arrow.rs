@@ -251,7 +251,7 @@ pub fn minimise<P: ArrowProblem>(
 }
 
 /// Moves the unknowns towards the nearest minimum, `max_iterations` steps at most: on the way of a robust loss that is
-/// then changed.
+/// then changed; `report` hears of every iteration.
 ///
 /// # Errors
 /// When the start is not possible or unknowns are not determined.
@@ -259,8 +259,9 @@ pub fn approach<P: ArrowProblem>(
     problem: &P,
     start: P::State,
     max_iterations: usize,
+    report: &mut dyn FnMut(Iteration),
 ) -> Result<Minimum<P::State>, SolveError> {
-    Ok(descend(problem, start, max_iterations, &mut |_| {})?.0)
+    Ok(descend(problem, start, max_iterations, report)?.0)
 }
 
 /// Where the steps end, and whether that is a minimum.
@@ -460,7 +461,7 @@ mod tests {
             blocks: vec![Vector6::repeat(0.3); 2],
         };
         let cost = lines.cost(&start).unwrap();
-        let near = approach(&lines, start.clone(), 1).unwrap();
+        let near = approach(&lines, start.clone(), 1, &mut |_| {}).unwrap();
         assert!(near.system.cost < cost);
         let error = minimise(&lines, start, 1, &mut |_| {}).err();
         assert_eq!(error, Some(SolveError::NotConverged { iterations: 1 }));
@@ -496,7 +497,7 @@ mod tests {
         };
         let stuck = minimise(&lines, start.clone(), 200, &mut |_| {}).map(|minimum| minimum.state.shared);
         assert!(matches!(stuck, Err(SolveError::NotConverged { .. })), "{stuck:?}");
-        assert!(approach(&lines, start, 200).unwrap().state.shared > 0.9);
+        assert!(approach(&lines, start, 200, &mut |_| {}).unwrap().state.shared > 0.9);
     }
 
     #[test]

@@ -22,6 +22,19 @@ pub(crate) enum ColorError {
     },
     #[error("the sheet lies beside marker `{id}`, which the rig does not have")]
     NoMarker { id: u32 },
+    #[error("`--cameras` names camera `{camera}` twice (allowed: two different ones)")]
+    OneCamera { camera: String },
+    #[error("it is not known where the chart is in the pictures of camera `{camera}`")]
+    NoChartCorners { camera: String },
+    #[error(
+        "the colours of camera `{second}` do not go with those of camera `{first}`: after matching they are off by          `{percent:.0}` % in the mean (allowed: `{allowed:.0}` %)"
+    )]
+    Unlike {
+        first: String,
+        second: String,
+        percent: f64,
+        allowed: f64,
+    },
     #[error("`--chart-corners` needs a sheet with `corners_m`")]
     NoCorners,
     #[error("the chart's corners in `{name}` are not those of a rectangle seen from its front")]
@@ -62,6 +75,11 @@ impl Explain for ColorError {
     fn hint(&self) -> Option<&str> {
         Some(match self {
             Self::Read { .. } => return None,
+            Self::OneCamera { .. } => "give `--cameras A,B`",
+            Self::NoChartCorners { .. } => "give `--chart-corners CAMERA=x,y,x,y,x,y,x,y` for each of the two cameras",
+            Self::Unlike { .. } => {
+                "both must see the same patches under the same light; are the sheet and its corners where you say?"
+            }
             Self::Sheet { .. } => {
                 "`marker = ID`, then `[[patch]]` with `name`, `x_m`, `y_m`, `side_m`; or name `colorchecker`"
             }

@@ -24,6 +24,12 @@ use mirrorball_calib::{
 use super::{CommandError, no_camera, output::OutputArgs, read_rig};
 pub(crate) use error::ColorError;
 
+/// Name of the built-in chart.
+const COLOR_CHECKER: &str = "colorchecker";
+
+/// Largest mean relative error after matching: the most different sensors leave 3 %, surfaces that are not the same far more.
+const MAX_ERROR: f64 = 0.15;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The rig: its cameras' response, vignetting and lens must be known.
@@ -121,20 +127,28 @@ impl<'a> Task<'a> {
             let found = self.rig.camera(name);
             found.ok_or_else(|| no_camera(&self.rig, self.rig_file, name))
         };
-        Ok([camera(0)?, camera(1)?])
+        let cameras = [camera(0)?, camera(1)?];
+        if cameras[0].name == cameras[1].name {
+            return Err(ColorError::OneCamera {
+                camera: cameras[0].name.clone(),
+            }
+            .into());
+        }
+        // A chart lies anywhere: nothing but its corners tells where.
+        let is_placed = |camera: &Camera| self.args.chart_corners.iter().any(|given| given.camera == camera.name);
+        if self.args.patches.as_deref() == Some(Path::new(COLOR_CHECKER))
+            && let Some(camera) = cameras.into_iter().find(|camera| !is_placed(camera))
+        {
+            return Err(ColorError::NoChartCorners {
+                camera: camera.name.clone(),
+            }
+            .into());
+        }
+        Ok(cameras)
     }
 }
 
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
-    args.output.check()?;
-    let rig = read_rig(&args.rig)?;
-    let camera = |index: usize| {
-        let name = args.cameras.get(index).map_or("", String::as_str);
-        rig.camera(name).ok_or_else(|| no_camera(&rig, &args.rig, name))
-    };
-    let cameras = [camera(0)?, camera(1)?];
-    let sheet = read_sheet(args)?;
-    let found = read::read(args, &rig, &sheet, cameras)?;
     if let Some(file) = &args.print_sheet {
         let mut sheet = PatchSheet::printed();
         sheet.marker = args.marker.or(sheet.marker);
@@ -157,17 +171,26 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         left_out: found.left_out_text(),
         source,
     })?;
-    write_rig(&task, &matched, cameras)?;
+    if matched.after.relative_mean > MAX_ERROR {
+        return Err(ColorError::Unlike {
+            first: cameras[0].name.clone(),
+            second: cameras[1].name.clone(),
+            percent: 100.0 * matched.after.relative_mean,
+            allowed: 100.0 * MAX_ERROR,
+        }
+        .into());
+    }
     args.output
         .write_json(&report::Numbers::new(&args.cameras, &matched, &found))?;
     args.output
         .write_report(|| report::page(&args.cameras, &matched, &found))?;
+    write_rig(&task, &matched, cameras)?;
     report::write_summary(out, &args.cameras, &matched, &found).map_err(CommandError::Output)
 }
 
 fn read_sheet(file: &Path, marker: Option<u32>) -> Result<PatchSheet, ColorError> {
     let mut sheet = match file.to_str() {
-        Some("colorchecker") => PatchSheet::color_checker(),
+        Some(COLOR_CHECKER) => PatchSheet::color_checker(),
         Some("sheet") => PatchSheet::printed(),
         _ => {
             let file = file.to_owned();

@@ -54,6 +54,16 @@ pub(crate) enum IntrinsicsCommandError {
         needed: usize,
         example: String,
     },
+    #[error(
+        "camera `{camera}` of rig file `{}` takes pictures of `{}×{}` pixels, these have `{}×{}`",
+        file.display(), known_px[0], known_px[1], found_px[0], found_px[1]
+    )]
+    Size {
+        file: PathBuf,
+        camera: String,
+        known_px: [u32; 2],
+        found_px: [u32; 2],
+    },
     #[error("cannot calibrate the camera")]
     Calibrate(#[source] IntrinsicsError),
 }
@@ -69,7 +79,8 @@ impl Explain for IntrinsicsCommandError {
             | Self::ReadCorners { .. }
             | Self::Corners { .. }
             | Self::NoPicture { .. }
-            | Self::NoBoard { .. } => true,
+            | Self::NoBoard { .. }
+            | Self::Size { .. } => true,
         }
     }
 
@@ -81,6 +92,12 @@ impl Explain for IntrinsicsCommandError {
             Self::ReadCorners { .. } | Self::Corners { .. } => Some("`--corners-out FILE` writes such a file"),
             Self::WriteCorners { .. } => None,
             Self::NoPicture { .. } => Some("name a camera of the recording with `--camera`"),
+            Self::Size { .. } => {
+                Some("give pictures of the size that the rig has, or name another camera with `--camera`")
+            }
+            Self::NoBoard { found, pictures, .. } if found == pictures => {
+                Some("take 20 to 40 pictures of the board, all over the picture and tilted by 20 to 45 degrees")
+            }
             Self::NoBoard { .. } => Some(
                 "the board file must describe the board in the pictures; it must be sharp, well lit and not mirrored",
             ),

@@ -120,13 +120,20 @@ impl Gathered {
                 example: example.map_or_else(String::new, |(name, reason)| format!("; `{name}`: {reason}")),
             });
         }
-        let chosen = select(&self.views, size_px, MAX_VIEWS);
+        let mut chosen: Vec<usize> = (0..self.views.len()).collect();
+        let mut not_found = self.not_found;
+        if chosen.len() > MAX_VIEWS {
+            chosen = select(&self.views, size_px, MAX_VIEWS);
+            let reason = format!("the `{}` views that are solved for say what it says", chosen.len());
+            let left_out = (0..self.views.len()).filter(|index| !chosen.contains(index));
+            not_found.extend(left_out.map(|index| (self.views[index].name.clone(), reason.clone())));
+        }
         Ok(Views {
             size_px,
-            n_alike: self.n_alike + self.views.len() - chosen.len(),
+            n_alike: self.n_alike,
             views: chosen.iter().map(|&index| self.views[index].clone()).collect(),
             edge_widths_px: chosen.iter().map(|&index| self.edge_widths_px[index]).collect(),
-            not_found: self.not_found,
+            not_found,
         })
     }
 }

@@ -92,6 +92,7 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     if let Some(file) = &args.corners_out {
         corners::write(file, &views)?;
     }
+    check_size(args, &rig, views.size_px)?;
     let request = Request {
         board: &board,
         size_px: views.size_px,
@@ -159,6 +160,24 @@ fn response(args: &Args, rig: &RigDraft) -> Result<ResponseCurve, IntrinsicsComm
     Ok(photometry.map_or_else(ResponseCurve::srgb, |photometry| photometry.response.clone()))
 }
 
+/// The size of a camera that the rig knows stays: where the camera stands and what it sees belong to it.
+fn check_size(args: &Args, rig: &RigDraft, size_px: [u32; 2]) -> Result<(), IntrinsicsCommandError> {
+    let Some(file) = &args.output.out else { return Ok(()) };
+    let parts = rig.parts(file).map_err(|source| IntrinsicsCommandError::Rig {
+        file: file.clone(),
+        source: Box::new(source),
+    })?;
+    match parts.camera(&args.camera) {
+        Some(camera) if camera.size_px != size_px => Err(IntrinsicsCommandError::Size {
+            file: file.clone(),
+            camera: args.camera.clone(),
+            known_px: camera.size_px,
+            found_px: size_px,
+        }),
+        Some(_) | None => Ok(()),
+    }
+}
+
 /// What the views that took part cover.
 fn guide(board: &Board, views: &Views, calibration: &Calibration) -> Guide {
     let mut guide = Guide::new(board, views.size_px, calibration.intrinsics.lens.model());
@@ -178,8 +197,8 @@ fn set(rig: &mut RigDraft, args: &Args, calibration: &Calibration) -> Result<(),
         file: file.clone(),
         source: Box::new(source),
     })?;
-    let known = parts.camera(&args.camera).map(|camera| camera.role);
-    let role = args.role.or(known).unwrap_or(Role::Scene);
+    let known = parts.camera(&args.camera);
+    let role = args.role.or(known.map(|camera| camera.role)).unwrap_or(Role::Scene);
     rig.set_camera(&args.camera, role, calibration.intrinsics.size_px);
     rig.set_lens(&args.camera, &calibration.intrinsics);
     Ok(())

@@ -206,7 +206,7 @@ pub(super) fn refine(
             loss: if is_cautious { Loss::Cauchy } else { Loss::Huber },
             ..problem
         };
-        state = arrow::approach(&problem, state, ROUND_ITERATIONS)?.state;
+        state = arrow::approach(&problem, state, ROUND_ITERATIONS, &mut |_| {})?.state;
         let spread = robust_spread(&problem, &state).ok_or(SolveError::Singular)?;
         let next: Vec<bool> = inside
             .iter()

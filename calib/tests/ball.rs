@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::sync::OnceLock;
+use std::{path::Path, sync::OnceLock};
 
 use glam::{DVec2, DVec3};
 use mirrorball_calib::{
@@ -303,7 +303,6 @@ fn direction_errors_deg(fit: &BallFit, takes: &[Take]) -> [f64; 2] {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn a_ball_of_200_pixels_shows_directions_to_a_tenth_of_a_degree() {
     let mut failed = false;
     let rig = plain_rig();
@@ -390,7 +389,6 @@ fn views_from_one_side_do_not_tell_the_radius() {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn the_picture_in_which_the_ball_was_moved_is_left_out() {
     let mut takes = ordinary_takes(4, 0.4);
     takes[2].moved_m = DVec3::new(0.003, 0.002, 0.0);
@@ -408,7 +406,6 @@ fn the_picture_in_which_the_ball_was_moved_is_left_out() {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn a_card_before_a_fifth_of_the_ball_does_no_harm() {
     let mut takes = ordinary_takes(4, 0.4);
     takes[1].covered = 0.2;
@@ -429,12 +426,10 @@ fn a_ball_that_is_elsewhere_is_not_found() {
     assert!(matches!(error, BallError::NotSeen { .. }), "{error}");
 }
 
-#[test]
-fn the_program_writes_the_ball_into_the_rig() {
-    let folder = tempfile::tempdir().unwrap();
+/// Three pictures of the ball, numbered, in a new folder.
+fn save_pictures(pictures: &Path) {
     let rig = plain_rig();
-    let pictures = folder.path().join("pictures");
-    std::fs::create_dir(&pictures).unwrap();
+    std::fs::create_dir(pictures).expect("a folder");
     for (index, turn) in [0.0f64, 1.6, 3.3].into_iter().enumerate() {
         let from = BALL.center_m + DVec3::new(0.26 * turn.cos(), 0.26 * turn.sin(), 0.26);
         let camera_from_world = looking_at(DVec3::new(0.01, -0.05, 0.02), from, 0.1);
@@ -446,8 +441,14 @@ fn the_program_writes_the_ball_into_the_rig() {
             },
         );
         let file = pictures.join(format!("{index}.png"));
-        image::save_buffer(file, &frame.pixels, 640, 480, image::ColorType::Rgb8).unwrap();
+        image::save_buffer(file, &frame.pixels, 640, 480, image::ColorType::Rgb8).expect("a folder that takes it");
     }
+}
+
+#[test]
+fn the_program_writes_the_ball_into_the_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    save_pictures(&folder.path().join("pictures"));
     let text = support::RIG.replace("color = [[1.1, -0.1, 0.0], [0.0, 1.0, 0.0], [0.05, 0.0, 0.95]]\n", "");
     let file = folder.path().join("rig.toml");
     std::fs::write(&file, &text).unwrap();

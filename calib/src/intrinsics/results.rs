@@ -12,8 +12,12 @@ use super::{
 use crate::{
     board::BoardView,
     camera::{Intrinsics, LensModel},
+    least_squares::arrow::SolveError,
     pose::Pose,
 };
+
+/// Angle between the board's normals, in degrees, from which on the board counts as tilted, whatever is not known.
+const TILTED_DEG: f64 = 40.0;
 
 /// Noise of a coordinate, in pixels, above which board and pictures do not belong together. Corners of a blurred picture
 /// are within 0.5.
@@ -184,14 +188,14 @@ pub(super) fn calibration(
     let n_parameters = solver.model.parameter_names().len();
     let covariance = solved.minimum.system.shared_covariance();
     let covariance = covariance.map(|covariance| covariance * solved.variance);
-    let sigma_focal = covariance.as_ref().map_or(f64::NAN, |covariance| {
+    let sigma_focal = covariance.as_ref().map_or(f64::INFINITY, |covariance| {
         let relative = |i: usize| covariance[(i, i)].sqrt() / state.intrinsics.focal_px[i];
         relative(0).max(relative(1))
     });
     if let Some(error) = parallel(&named(&state.poses, solver, views), sigma_focal) {
         return Err(error);
     }
-    let covariance = covariance.expect("else its sigma is not a number");
+    let covariance = covariance.ok_or(IntrinsicsError::Solve(SolveError::Singular))?;
     let intrinsics = limited(&state.intrinsics, request.max_angle_rad, solver, state);
     if !intrinsics.lens.is_usable() {
         return Err(IntrinsicsError::Unusable { model: solver.model });
@@ -273,7 +277,7 @@ fn warn(calibration: &mut Calibration, sigma_focal: f64, spread_deg: f64) {
     if empty > 0.1 {
         warnings.push(Warning::Coverage { percent: 100.0 * empty });
     }
-    if sigma_focal > VAGUE_FOCAL {
+    if sigma_focal > VAGUE_FOCAL && spread_deg < TILTED_DEG {
         warnings.push(Warning::HardlyTilted {
             spread_deg,
             sigma_percent: 100.0 * sigma_focal,

@@ -126,8 +126,10 @@ fn numbers(arguments: &[&str]) -> Value {
             .expect("what the program writes can be read")
             .contains("<h1>")
     );
-    serde_json::from_str(&fs::read_to_string(json).expect("what the program writes can be read"))
-        .expect("what the program writes can be read")
+    let text = fs::read_to_string(json).expect("what the program writes can be read");
+    let first = format!("{{\n  \"routine\": \"{}\",", arguments[0]);
+    assert!(text.starts_with(&first), "{text}");
+    serde_json::from_str(&text).expect("what the program writes can be read")
 }
 
 /// Runs a command that must blame its input, and gives what it says.
@@ -203,6 +205,23 @@ fn markers_are_found_anew() {
     arguments.extend(["--main", "77", "--side-m", "0.1"].map(str::to_owned));
     let said = refused(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
     assert!(said.contains("the side of main marker `77` is not known"), "{said}");
+    // A side that the pictures contradict is bad input.
+    let mut arguments = vec!["markers".to_owned()];
+    arguments.extend(from(&rig_file));
+    arguments.extend(["--side", "1=0.09"].map(str::to_owned));
+    let said = refused(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(
+        said.contains("the pictures of marker `1` agree on no place for it"),
+        "{said}"
+    );
+    // Numbers that cannot be written leave the rig as it was.
+    let before = fs::read_to_string(&out).unwrap();
+    let mut arguments = vec!["markers".to_owned()];
+    arguments.extend(from(&rig_file));
+    arguments.extend(["--out", out.to_str().unwrap(), "--json", "/dev/full"].map(str::to_owned));
+    let output = run(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(fs::read_to_string(&out).unwrap(), before);
 }
 
 #[test]

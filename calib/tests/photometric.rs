@@ -255,4 +255,79 @@ fn bad_pictures_are_named() {
     assert_eq!(code, Some(2));
     assert!(stderr.contains("the noise was not measured"), "{stderr}");
     assert!(!folder.join("rig.toml").exists());
+    // What was measured is there all the same.
+    let outputs = ["--response", "srgb", "--json", "out.json", "--report", "out.html"];
+    let (code, _) = run(folder, &[&listed[..], &outputs[..]].concat());
+    assert_eq!(code, Some(2));
+    assert_eq!(json(folder)["response"][0].as_array().map(Vec::len), Some(256));
+    let text = fs::read_to_string(folder.join("out.json")).unwrap();
+    assert!(text.starts_with("{\n  \"routine\": \"photometric\""), "{text}");
+    assert!(folder.join("out.html").exists() && !folder.join("rig.toml").exists());
+    // A picture of another size is named with its folder, as another folder may have one of its name.
+    fs::create_dir(folder.join("flat")).unwrap();
+    image::RgbImage::new(8, 8).save(folder.join("flat/a.png")).unwrap();
+    let (code, stderr) = run(
+        folder,
+        &[&listed[..], &["--response", "srgb", "--flat", "flat"]].concat(),
+    );
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("picture `flat/a.png` is `8 x 8`"), "{stderr}");
+}
+
+/// Folder `bracket` with one picture of each exposure, and `list.csv` with these exposures.
+fn take_bracket(folder: &Path, edit: impl Fn(&mut Vec<u8>), listed_s: [f64; 4]) {
+    let mut random = Random(19);
+    fs::create_dir_all(folder.join("bracket")).unwrap();
+    let mut list = "file,exposure_s\n".to_owned();
+    for (index, (taken_s, listed_s)) in NOMINAL_S.into_iter().zip(listed_s).enumerate() {
+        let mut codes = random.shoot(|x, y| scene(x, y) * taken_s);
+        edit(&mut codes);
+        save(&folder.join(format!("bracket/{index}.png")), &codes);
+        writeln!(list, "{index}.png,{listed_s}").unwrap();
+    }
+    fs::write(folder.join("list.csv"), list).unwrap();
+}
+
+const BRACKET: [&str; 6] = ["--images", "bracket", "--exposures", "list.csv", "--json", "out.json"];
+
+#[test]
+fn exposures_of_other_pictures_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut reversed = NOMINAL_S;
+    reversed.reverse();
+    take_bracket(folder, |_| (), reversed);
+    let (code, stderr) = run(folder, &BRACKET);
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("pictures of longer exposure are darker"), "{stderr}");
+    take_bracket(folder, |_| (), NOMINAL_S);
+    let list = fs::read_to_string(folder.join("list.csv")).unwrap();
+    fs::write(folder.join("list.csv"), format!("{list}nosuch.png,0.1\n")).unwrap();
+    let (code, stderr) = run(folder, &BRACKET);
+    assert_eq!(code, Some(0), "{stderr}");
+    assert_eq!(
+        json(folder)["exposures_without_picture"],
+        serde_json::json!(["nosuch.png"])
+    );
+}
+
+#[test]
+fn masked_borders_do_not_count() {
+    // A border that is the same at every exposure; as a bright one it contradicts the exposures.
+    let border = |codes: &mut Vec<u8>| {
+        for pixel in codes.chunks_exact_mut(3).take(90 * SIZE_PX[0] as usize) {
+            pixel.copy_from_slice(&[60, 60, 200]);
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    take_bracket(folder, border, NOMINAL_S);
+    let median = |more: &[&str]| {
+        let (code, stderr) = run(folder, &[&BRACKET[..], more].concat());
+        assert_eq!(code, Some(0), "{stderr}");
+        json(folder)["ratio_errors"]["median"].as_f64().unwrap()
+    };
+    let (masked, unmasked) = (median(&["--mask-rgb", "60,60,200"]), median(&[]));
+    println!("{masked} {unmasked}");
+    assert!(masked < 0.01 && unmasked > 3.0 * masked, "{masked} {unmasked}");
 }

@@ -49,7 +49,27 @@ fn detect_prints_one_object_per_picture() {
     record(folder.path(), true);
     let file = |name: &str| folder.path().join(name).display().to_string();
     let (first, second, rig) = (file("scene/000000.png"), file("scene/000001.png"), file("rig.toml"));
-    for more in [&["--rig", &rig, "--camera", "scene"][..], &[]] {
+    // A rig whose cameras have a lens but no photometry yet.
+    let text = fs::read_to_string(&rig).unwrap();
+    let mut is_kept = true;
+    let lens_only: String = text
+        .lines()
+        .filter(|line| {
+            if line.starts_with('[') {
+                is_kept = *line != "[camera.photometry]";
+            }
+            is_kept
+        })
+        .map(|line| format!("{line}\n"))
+        .collect();
+    assert!(lens_only.len() < text.len());
+    let partial = file("partial.toml");
+    fs::write(&partial, lens_only).unwrap();
+    for more in [
+        &["--rig", &rig, "--camera", "scene"][..],
+        &["--rig", &partial, "--camera", "scene"],
+        &[],
+    ] {
         let output = run(&[&["detect", "--json", &first, &second], more].concat());
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         let text = String::from_utf8(output.stdout).unwrap();

@@ -6,19 +6,21 @@ use std::{
     time::Instant,
 };
 
-use glam::{DMat3, DVec2};
+use glam::DVec2;
 use image::RgbImage;
 use mirrorball_calib::{
     camera::{Intrinsics, LensModel},
-    photometry::Photometry,
-    response::ResponseCurve,
     rig::{Camera, Role},
     tag::{Detection, Family, Finder},
 };
 use mirrorball_capture::v4l2::CameraAddress;
 use serde::Serialize;
 
-use super::{CommandError, families, input::LiveArgs, no_camera, read_rig};
+use super::{
+    CommandError,
+    input::LiveArgs,
+    sightings::{RigText, plain_photometry},
+};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -33,7 +35,7 @@ pub(crate) struct Args {
     /// Print one JSON object per picture.
     #[arg(long)]
     json: bool,
-    /// Rig file with the camera's lens and response curve; without it, no distortion and sRGB.
+    /// Rig file with the camera's lens and response curve (sRGB until it is measured); without it, no distortion and sRGB.
     #[arg(long, value_name = "FILE", requires = "camera")]
     rig: Option<PathBuf>,
     /// Camera of the rig that took the pictures.
@@ -51,9 +53,8 @@ enum Taker {
 pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError> {
     let (taker, families) = match (&args.rig, &args.camera) {
         (Some(file), Some(name)) => {
-            let rig = read_rig(file)?;
-            let camera = rig.camera(name).ok_or_else(|| no_camera(&rig, file, name))?;
-            (Taker::Known(Box::new(camera.clone())), families(&rig))
+            let rig = RigText::read(file)?;
+            (Taker::Known(Box::new(rig.camera(name)?)), rig.families())
         }
         (None, _) | (_, None) => (Taker::Plain, vec![Family::Tag36h11]),
     };
@@ -141,14 +142,7 @@ fn plain_camera(size_px: [u32; 2]) -> Camera {
                 k3: 0.0,
             },
         },
-        photometry: Photometry {
-            sensitivity: 1.0,
-            vignetting: [0.0, 0.0],
-            full_well_e: 1e4,
-            read_noise_e: 0.0,
-            response: ResponseCurve::srgb(),
-            color: DMat3::IDENTITY,
-        },
+        photometry: plain_photometry(),
         camera_from_world: None,
     }
 }

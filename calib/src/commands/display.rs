@@ -316,6 +316,7 @@ fn points_seen(args: &Args, file: &Path, table: &Table) -> Result<Vec<DVec3>, Co
 /// What the JSON file holds; its keys are an interface.
 #[derive(Serialize)]
 struct Numbers {
+    routine: &'static str,
     projection: Rows,
     focal_px: [f64; 2],
     skew_px: f64,
@@ -347,6 +348,7 @@ impl Numbers {
             left_out_px: residual.left_out_px,
         };
         Self {
+            routine: "display",
             projection: found.projection,
             focal_px: found.intrinsics.focal_px.to_array(),
             skew_px: found.intrinsics.skew_px,

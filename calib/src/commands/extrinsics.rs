@@ -4,7 +4,7 @@ use std::{io::Write, path::PathBuf};
 
 use mirrorball_calib::{
     extrinsics::{
-        View,
+        BundleError, View,
         cameras::{CameraError, CameraPlace, fixed, pair},
     },
     pose::Pose,
@@ -85,7 +85,10 @@ pub(crate) enum ExtrinsicsError {
 impl Explain for ExtrinsicsError {
     fn is_bad_input(&self) -> bool {
         match self {
-            Self::Pair { source, .. } | Self::Camera { source, .. } => !matches!(source, CameraError::Bundle(_)),
+            // Pictures that contradict each other are bad input; a solve that does not end is not.
+            Self::Pair { source, .. } | Self::Camera { source, .. } => {
+                !matches!(source, CameraError::Bundle(BundleError::Solve(_)))
+            }
             Self::NoFixedCamera | Self::Moves { .. } | Self::NoMarkers | Self::Same { .. } => true,
         }
     }
@@ -150,11 +153,12 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     for found in &found {
         write_text(found, out).map_err(CommandError::Output)?;
     }
-    args.output.write_rig(&draft)?;
-    let numbers: Vec<Numbers<'_>> = found.iter().map(Numbers::of).collect();
-    args.output.write_json(&serde_json::json!({ "cameras": numbers }))?;
+    args.output.write_json(&Numbers {
+        routine: "extrinsics",
+        cameras: found.iter().map(CameraEntry::of).collect(),
+    })?;
     args.output.write_report(|| report(&found))?;
-    Ok(())
+    Ok(args.output.write_rig(&draft)?)
 }
 
 /// Every fixed camera by itself.
@@ -250,6 +254,12 @@ fn pairs(seen: &[Seen], max_skew_ms: f64) -> Vec<[View; 2]> {
 /// What the JSON file holds for a camera; its keys are an interface.
 #[derive(Serialize)]
 struct Numbers<'a> {
+    routine: &'static str,
+    cameras: Vec<CameraEntry<'a>>,
+}
+
+#[derive(Serialize)]
+struct CameraEntry<'a> {
     camera: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     camera_from_world: Option<Rows>,
@@ -265,7 +275,7 @@ struct Numbers<'a> {
     rejected: Vec<RejectedEntry<'a>>,
 }
 
-impl<'a> Numbers<'a> {
+impl<'a> CameraEntry<'a> {
     fn of(found: &'a Found) -> Self {
         let (pose, first) = (rows(&found.place.pose), found.first.as_deref());
         Self {

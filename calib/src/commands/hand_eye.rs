@@ -161,6 +161,7 @@ fn tracked_poses(table: &Table) -> Result<Vec<TrackedPose>, TableError> {
 /// What the JSON file holds; its keys are an interface.
 #[derive(Serialize)]
 struct Numbers<'a> {
+    routine: &'static str,
     camera: &'a str,
     headset_from_camera: Rows,
     world_from_tracker: Rows,
@@ -194,6 +195,7 @@ impl<'a> Numbers<'a> {
             place_mm: 1e3 * residual.place_m,
         });
         Self {
+            routine: "hand-eye",
             camera,
             headset_from_camera: rows(&found.headset_from_camera),
             world_from_tracker: rows(&found.world_from_tracker),

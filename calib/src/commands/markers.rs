@@ -3,7 +3,10 @@
 use std::{collections::BTreeMap, io::Write, path::PathBuf};
 
 use mirrorball_calib::{
-    extrinsics::markers::{FieldError, FieldInput, FieldMarker, MarkerField, solve},
+    extrinsics::{
+        BundleError,
+        markers::{FieldError, FieldInput, FieldMarker, MarkerField, solve},
+    },
     report::{Block, Report},
     rig::{Marker, RigParts},
     tag::Family,
@@ -71,7 +74,8 @@ pub(crate) enum MarkersError {
 
 impl Explain for MarkersError {
     fn is_bad_input(&self) -> bool {
-        !matches!(self, Self::Field(FieldError::Bundle(_)))
+        // Sides and pictures that contradict each other are bad input; a solve that does not end is not.
+        !matches!(self, Self::Field(FieldError::Bundle(BundleError::Solve(_))))
     }
 
     fn hint(&self) -> Option<&str> {
@@ -123,10 +127,9 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     for marker in &field.markers {
         draft.set_marker(&entry(marker, &rig.parts));
     }
-    args.output.write_rig(&draft)?;
     args.output.write_json(&Numbers::of(&field, main_marker, &rig.parts))?;
     args.output.write_report(|| report(&field, main_marker, &rig.parts))?;
-    Ok(())
+    Ok(args.output.write_rig(&draft)?)
 }
 
 fn side_of(id: u32, args: &Args, rig: &RigParts) -> Option<f64> {
@@ -161,6 +164,7 @@ fn change(marker: &FieldMarker, rig: &RigParts) -> Option<SigmaEntry> {
 /// What the JSON file holds; its keys are an interface.
 #[derive(Serialize)]
 struct Numbers<'a> {
+    routine: &'static str,
     main_marker: u32,
     rms_px: f64,
     markers: Vec<MarkerEntry>,
@@ -193,6 +197,7 @@ impl<'a> Numbers<'a> {
             change: change(marker, rig),
         };
         Self {
+            routine: "markers",
             main_marker,
             rms_px: field.rms_px,
             markers: field.markers.iter().map(entry).collect(),

@@ -13,6 +13,7 @@ pub(crate) mod hand_eye;
 mod input;
 pub(crate) mod intrinsics;
 pub(crate) mod markers;
+mod mask;
 pub(crate) mod merge;
 mod output;
 pub(crate) mod photometric;

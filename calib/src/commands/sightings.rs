@@ -149,7 +149,7 @@ impl RigText {
     }
 
     /// Families of the rig's markers; all of them when it has none yet.
-    fn families(&self) -> Vec<Family> {
+    pub(crate) fn families(&self) -> Vec<Family> {
         let mut families: Vec<Family> = self.parts.markers.iter().map(|marker| marker.family).collect();
         families.sort();
         families.dedup();
@@ -200,7 +200,7 @@ fn unusable(file: &Path, source: RigError) -> SightingsError {
 }
 
 /// A camera of which nothing is known but that its pictures are sRGB.
-fn plain_photometry() -> Photometry {
+pub(crate) fn plain_photometry() -> Photometry {
     Photometry {
         sensitivity: 1.0,
         vignetting: [0.0, 0.0],

@@ -1,8 +1,9 @@
 //! Control latency: how many frames after a change of exposure was asked for the picture shows it.
 //!
 //! Every number of frames predicts a level for each frame: that of the request then in force. The prediction is right up to one
-//! factor (the scene), so the number with the smallest robust scatter of `ln level − ln exposure` is taken. Each change is
-//! looked at by itself too: a camera whose latency varies says so.
+//! factor (the scene), so the number with the smallest robust scatter of `ln level − ln exposure` is taken. All numbers are
+//! compared over the same frames, and only those numbers by which two changes show among these: over frames of one exposure
+//! any number is right. Each change is looked at by itself too: a camera whose latency varies says so.
 
 /// Most frames of latency that are told apart.
 const MAX_FRAMES: usize = 16;
@@ -53,13 +54,23 @@ pub enum LatencyError {
         /// Changes found.
         found: usize,
     },
+    /// The series ends, or the first requests follow each other, too soon to tell two numbers of frames apart.
+    #[error(
+        "the series is too short: over the same `{frames}` frames, two changes must show with 0 frames of latency and with 1"
+    )]
+    Short {
+        /// Frames in the series.
+        frames: usize,
+    },
     /// No number of frames explains the levels.
     #[error(
-        "the levels do not follow the requests: `{best}` frames of latency explain them only `{lead:.2}` times better than any other number (allowed: at least 1.5)"
+        "the levels do not follow the requests: of 0 to `{most}` frames of latency, `{best}` explain them only `{lead:.2}` times better than any other number (allowed: at least 1.5)"
     )]
     Unclear {
         /// The best number.
         best: usize,
+        /// The largest number that the series can tell from the others.
+        most: usize,
         /// Second best scatter over the best.
         lead: f64,
     },
@@ -79,20 +90,25 @@ pub fn measure(requests: &[Request], levels: &[Level]) -> Result<ControlLatency,
     if changes.len() < 2 {
         return Err(LatencyError::FewChanges { found: changes.len() });
     }
-    let scatters: Vec<f64> = (0..=MAX_FRAMES)
-        .map(|frames| scatter(requests, levels, frames))
-        .collect();
+    let Some((most, shared)) = (1..=MAX_FRAMES).rev().find_map(|most| {
+        let shared = shared(requests, levels, most);
+        let shows = |frames| shown_changes(requests, shared, frames) >= 2;
+        (0..=most).all(shows).then_some((most, shared))
+    }) else {
+        return Err(LatencyError::Short { frames: levels.len() });
+    };
+    let scatters: Vec<f64> = (0..=most).map(|frames| scatter(requests, shared, frames)).collect();
     let best = (0..scatters.len())
         .min_by(|&a, &b| scatters[a].total_cmp(&scatters[b]))
-        .expect("there are 17");
+        .expect("there are two or more");
     let second = (0..scatters.len())
         .filter(|&i| i != best)
         .map(|i| scatters[i])
         .fold(f64::INFINITY, f64::min);
     // Levels are known to a thousandth at best.
-    let lead = second / scatters[best].max(1e-3);
+    let lead = second.max(1e-3) / scatters[best].max(1e-3);
     if lead < MIN_LEAD {
-        return Err(LatencyError::Unclear { best, lead });
+        return Err(LatencyError::Unclear { best, most, lead });
     }
     let of_changes = changes
         .iter()
@@ -105,14 +121,35 @@ pub fn measure(requests: &[Request], levels: &[Level]) -> Result<ControlLatency,
     })
 }
 
+/// The request that a frame shows if the latency is this many frames.
+fn in_force(requests: &[Request], frame: u64, latency: usize) -> Option<&Request> {
+    let asked_at = frame.checked_sub(latency as u64)?;
+    requests.iter().rfind(|request| request.frame <= asked_at)
+}
+
+/// The levels of frames of which every latency of up to `most` frames says what they show.
+fn shared<'a>(requests: &[Request], levels: &'a [Level], most: usize) -> &'a [Level] {
+    let from = levels.partition_point(|level| in_force(requests, level.frame, most).is_none());
+    &levels[from..]
+}
+
+/// How often the exposure changes within these frames if the latency is `frames`.
+fn shown_changes(requests: &[Request], levels: &[Level], frames: usize) -> usize {
+    let exposures: Vec<f64> = levels
+        .iter()
+        .filter_map(|level| Some(in_force(requests, level.frame, frames)?.exposure_s))
+        .collect();
+    let is_change = |pair: &&[f64]| (pair[1] / pair[0]).ln().abs() >= MIN_STEP;
+    exposures.windows(2).filter(is_change).count()
+}
+
 /// Root mean square of `ln level − ln exposure` about its median, large errors counting little (Geman and McClure 1987).
 fn scatter(requests: &[Request], levels: &[Level], frames: usize) -> f64 {
     let mut errors: Vec<f64> = levels
         .iter()
         .filter_map(|level| {
-            let asked_at = level.frame.checked_sub(frames as u64)?;
-            let in_force = requests.iter().rfind(|request| request.frame <= asked_at)?;
-            Some(level.signal.max(1e-9).ln() - in_force.exposure_s.ln())
+            let request = in_force(requests, level.frame, frames)?;
+            Some(level.signal.max(1e-9).ln() - request.exposure_s.ln())
         })
         .collect();
     if errors.is_empty() {
@@ -198,5 +235,41 @@ mod tests {
         assert!(matches!(error, LatencyError::Unclear { .. }), "{error}");
         let error = measure(&requests()[..2], &still).unwrap_err();
         assert_eq!(error, LatencyError::FewChanges { found: 1 });
+    }
+
+    /// Twelve frames, two changes, four frames apart.
+    fn short_requests() -> [Request; 3] {
+        [(0, 0.001), (4, 0.01), (8, 0.001)].map(|(frame, exposure_s)| Request { frame, exposure_s })
+    }
+
+    #[test]
+    fn a_late_guess_does_not_win_a_short_series_by_seeing_one_level_only() {
+        // Two frames of each exposure, none of which was asked for: by a latency of ten frames or so only the last level is left.
+        let levels: Vec<Level> = (0..12)
+            .map(|frame| Level {
+                frame,
+                signal: 0.01 * 2f64.powi(frame as i32 / 2),
+            })
+            .collect();
+        let error = measure(&short_requests(), &levels).unwrap_err();
+        let LatencyError::Unclear { best, most, lead } = error else {
+            panic!("{error}")
+        };
+        assert!(best <= most && most == 3 && lead >= 1.0, "{error}");
+        for latency in 0..=2u64 {
+            let follows = (0..12).map(|frame| Level {
+                frame,
+                signal: if (4..8).contains(&(frame - latency.min(frame))) {
+                    0.2
+                } else {
+                    0.02
+                },
+            });
+            let found = measure(&short_requests(), &follows.collect::<Vec<_>>()).unwrap();
+            assert_eq!(found.frames as u64, latency);
+        }
+        let few: Vec<Level> = levels[3..9].to_vec();
+        let error = measure(&short_requests(), &few).unwrap_err();
+        assert_eq!(error, LatencyError::Short { frames: 6 });
     }
 }

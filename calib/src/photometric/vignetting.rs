@@ -60,6 +60,18 @@ pub enum VignettingError {
     /// There is no picture.
     #[error("there is no picture of an evenly lit surface (allowed: 1 or more)")]
     None,
+    /// A picture is so small, or so long and thin, that it has too few cells.
+    #[error(
+        "flat picture `{picture}` of `{} x {}` pixels is too small, or too long and thin: it has `{found}` cells (allowed: at least `100`)", size_px[0], size_px[1]
+    )]
+    Shape {
+        /// Index of the picture.
+        picture: usize,
+        /// Its width and height.
+        size_px: [usize; 2],
+        /// Cells.
+        found: usize,
+    },
     /// A picture is too dark, too bright or not as large as said.
     #[error("flat picture `{picture}` shows `{found}` cells between black and white (allowed: at least `100`)")]
     Clipped {
@@ -88,13 +100,23 @@ struct Cell {
 /// Measures vignetting.
 ///
 /// # Errors
-/// When there is no picture, one shows too little between black and white, or a scene instead of a flat field.
+/// When there is no picture, one has too few cells, shows too little between black and white, or a scene instead of a flat field.
 pub fn measure(pictures: &[FlatPicture<'_>], response: &ResponseCurve) -> Result<Vignetting, VignettingError> {
     if pictures.is_empty() {
         return Err(VignettingError::None);
     }
     let views: Vec<Vec<Cell>> = pictures.iter().map(|picture| cells(picture, response)).collect();
     for (picture, view) in views.iter().enumerate() {
+        let size_px = pictures[picture].size_px;
+        let [columns, rows] = size_px.map(|side| side.div_ceil(cell_side(size_px)));
+        if columns * rows < MIN_CELLS {
+            let found = columns * rows;
+            return Err(VignettingError::Shape {
+                picture,
+                size_px,
+                found,
+            });
+        }
         if view.len() < MIN_CELLS {
             return Err(VignettingError::Clipped {
                 picture,
@@ -133,13 +155,18 @@ pub fn measure(pictures: &[FlatPicture<'_>], response: &ResponseCurve) -> Result
     })
 }
 
+/// Edge of a cell in pixels.
+fn cell_side([width, height]: [usize; 2]) -> usize {
+    width.max(height).div_ceil(CELLS).max(1)
+}
+
 /// Means of the signal over cells of the picture; clipped ones are left out.
 fn cells(picture: &FlatPicture<'_>, response: &ResponseCurve) -> Vec<Cell> {
     let [width, height] = picture.size_px;
     if picture.codes.len() != 3 * width * height {
         return Vec::new();
     }
-    let side = width.max(height).div_ceil(CELLS).max(1);
+    let side = cell_side(picture.size_px);
     let (black, clipped) = (response.last_black_code(), response.first_clipped_code());
     let size = DVec2::new(width as f64, height as f64);
     let mut cells = Vec::new();
@@ -180,7 +207,7 @@ struct Fit {
     rms: Vec<f64>,
 }
 
-/// Gauss-Newton over v1, v2 and every picture's light, which is eliminated picture by picture; Huber weights.
+/// Gauss-Newton over v1, v2 and every picture's light, which is eliminated picture by picture; Cauchy weights.
 fn solve(views: &[&[Cell]]) -> Fit {
     let mut v = Vector2::zeros();
     let mut lights = vec![[0.0; LIGHT_TERMS]; views.len()];
@@ -251,7 +278,7 @@ fn linearised(view: &[Cell], v: Vector2<f64>, weights: &[f64]) -> (DMatrix<f64>,
     (basis, slopes, residual)
 }
 
-/// Huber weights of the cells by their deviation from the present fit, in robust standard deviations: dust counts little.
+/// Cauchy weights of the cells by their deviation from the present fit, in robust standard deviations: dust counts little.
 fn weights(view: &[Cell], v: Vector2<f64>, light: &[f64; LIGHT_TERMS]) -> Vec<f64> {
     let residuals: Vec<f64> = view
         .iter()
@@ -393,6 +420,17 @@ mod tests {
         };
         let error = measure(&[picture(&white)], &knee()).unwrap_err();
         assert_eq!(error, VignettingError::Clipped { picture: 0, found: 0 });
+        let thin = vec![128; 3 * 400 * 10];
+        let thin = FlatPicture {
+            codes: &thin,
+            size_px: [400, 10],
+        };
+        let expected = VignettingError::Shape {
+            picture: 0,
+            size_px: [400, 10],
+            found: 90,
+        };
+        assert_eq!(measure(&[thin], &knee()).unwrap_err(), expected);
         let board: Vec<u8> = (0..n)
             .map(|i| {
                 if (i / 3 % SIZE_PX[0] / 16 + i / 3 / SIZE_PX[0] / 16).is_multiple_of(2) {

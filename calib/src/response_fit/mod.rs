@@ -106,6 +106,16 @@ pub enum FitError {
         /// The exposure time.
         found: f64,
     },
+    /// More light makes darker pictures: the exposures are not those of the pictures.
+    #[error(
+        "pictures of longer exposure are darker: what the picture of `{longer_s}` s shows is darker than in that of `{shorter_s}` s"
+    )]
+    Reversed {
+        /// The longer exposure time.
+        longer_s: f64,
+        /// The shorter one.
+        shorter_s: f64,
+    },
     /// No two pictures show enough of the same things between black and white.
     #[error(
         "no two pictures of different exposure show `{needed}` flat patches between black and white in common (found: \
@@ -137,7 +147,7 @@ pub fn fit(
 /// The same from patches that are already there.
 ///
 /// # Errors
-/// When they have too little in common.
+/// When they have too little in common, or are darker the longer they were exposed.
 pub fn fit_patches(
     patches: &FlatPatches,
     channels: Channels,
@@ -153,6 +163,9 @@ pub fn fit_patches(
             .map(|group| solve::solve(patches, group, log_exposures))
             .collect()
     };
+    if let Some([longer_s, shorter_s]) = patches.reversed() {
+        return Err(FitError::Reversed { longer_s, shorter_s });
+    }
     let nominal: Vec<f64> = patches.exposures_s().iter().map(|time| time.ln()).collect();
     let correct =
         |curves: &[ResponseCurve; 3], channels: &[usize]| exposures::correct(patches, curves, &nominal, channels);

@@ -74,6 +74,27 @@ impl FlatPatches {
         f64::from(self.floors[channel])
     }
 
+    /// Exposure times of two pictures of which the longer is the darker one, if that is so of most pairs of pictures.
+    pub(super) fn reversed(&self) -> Option<[f64; 2]> {
+        let (mut pairs, mut darker) = (0, Vec::new());
+        for pictures in ordered_pairs(&self.exposures_s) {
+            let rises = self
+                .pairs(pictures, 1, [0.0, 255.0])
+                .map(|[longer, shorter]| longer - shorter);
+            let mut rises: Vec<f32> = rises.collect();
+            if rises.is_empty() {
+                continue;
+            }
+            let middle = rises.len() / 2;
+            pairs += 1;
+            // A code's worth of noise says nothing.
+            if *rises.select_nth_unstable_by(middle, f32::total_cmp).1 < -1.0 {
+                darker.push(pictures.map(|picture| self.exposures_s[picture]));
+            }
+        }
+        (2 * darker.len() > pairs).then(|| darker[0])
+    }
+
     /// Mean codes, in two pictures, of the patches that are flat in a channel of both and between `low` and `high`.
     pub(super) fn pairs(
         &self,

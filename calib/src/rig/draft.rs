@@ -281,5 +281,7 @@ mod tests {
             error,
             "`rig.toml`, line 1: `version` is `2`, from a newer program (this one knows up to `1`)"
         );
+        let error = RigDraft::from_toml("version = 99999999999999999999\n", file).unwrap_err();
+        assert!(matches!(error, RigError::Newer { .. }), "{error}");
     }
 }

@@ -36,9 +36,9 @@ pub enum RigError {
         /// Where.
         place: Place,
         /// The version.
-        found: i64,
+        found: i128,
         /// The newest one that is known.
-        known: i64,
+        known: i128,
     },
     /// A value is outside its range.
     #[error("{place}: `{key}` is `{found}` (allowed: {allowed})")]

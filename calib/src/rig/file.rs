@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Version of the format that this program reads.
-const VERSION: i64 = 1;
+const VERSION: i128 = 1;
 
 /// Reflectance of white paper when the file does not say (measured for common office paper: 0.75 to 0.85).
 const DEFAULT_WHITE_REFLECTANCE: f64 = 0.8;
@@ -30,7 +30,7 @@ const IDENTITY_TOLERANCE: f64 = 1e-6;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
-    version: Spanned<i64>,
+    version: Spanned<i128>,
     main_marker: Option<Spanned<u32>>,
     #[serde(default)]
     camera: Vec<Spanned<CameraEntry>>,

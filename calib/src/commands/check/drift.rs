@@ -152,6 +152,7 @@ fn write(drift: &Drift, out: &mut impl Write) -> std::io::Result<()> {
 /// The file of `--json`; its keys are an interface.
 #[derive(Serialize)]
 struct Numbers {
+    routine: &'static str,
     subject: PathBuf,
     recording: Option<PathBuf>,
     /// Null when the recording does not tell.
@@ -215,6 +216,7 @@ impl Numbers {
     fn of(args: &Args, drift: Option<&Drift>, ball: Option<&BallPlace>) -> Self {
         let list = |drift: Option<&Drift>| drift.map(|drift| drift.findings.iter().map(FindingEntry::of).collect());
         Self {
+            routine: "check",
             subject: args.subject.clone(),
             recording: args.recording.clone(),
             holds: drift.map(Drift::holds),

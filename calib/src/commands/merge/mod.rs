@@ -21,7 +21,7 @@ use mirrorball_calib::{
     response_fit::{Channels, ExposureTimes, FitError, FlatPatches, RatioErrors, Shot, fit_patches, ratio_errors},
 };
 
-use super::CommandError;
+use super::{CommandError, mask};
 
 /// Electrons at full scale, and of read noise, of a camera that nobody has measured: an ordinary webcam or compact camera.
 const FULL_WELL_E: f64 = 10_000.0;
@@ -29,12 +29,6 @@ const READ_NOISE_E: f64 = 8.0;
 
 /// Noise after encoding in codes: compression, scanning.
 const CODE_NOISE: f64 = 1.0;
-
-/// Pixels around a hole that its edge may have touched.
-const HOLE_EDGE_PX: usize = 3;
-
-/// Largest difference to the masked colour, per channel: registration and compression blur it.
-const HOLE_TOLERANCE: u8 = 48;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -57,7 +51,7 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with = "nominal_exposures")]
     nominal_exposures_per_channel: bool,
     /// Colour of pixels that show nothing, such as the borders of registered pictures.
-    #[arg(long, value_name = "R,G,B", value_parser = rgb)]
+    #[arg(long, value_name = "R,G,B", value_parser = mask::rgb)]
     mask_rgb: Option<[u8; 3]>,
     /// Folder for `merged.exr`, `merged.hdr`, `merged.png` and `response.toml`.
     #[arg(long, value_name = "DIR")]
@@ -136,6 +130,9 @@ impl MergeError {
             Self::Fit(FitError::NothingInCommon { .. }) => {
                 Some("exposures two or three stops apart show enough in common; or name a `--response`")
             }
+            Self::Fit(FitError::Reversed { .. }) => {
+                Some("look whether the exposure times are in the order of the pictures")
+            }
             Self::NotFitted { .. } => Some("use `--response fit` or `fit-channels`"),
             Self::Read { .. }
             | Self::Write { .. }
@@ -186,15 +183,6 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
     .map_err(CommandError::Output)
 }
 
-/// Three codes, separated by commas.
-fn rgb(text: &str) -> Result<[u8; 3], String> {
-    let codes: Result<Vec<u8>, _> = text.split(',').map(|code| code.trim().parse()).collect();
-    codes
-        .ok()
-        .and_then(|codes| codes.try_into().ok())
-        .ok_or_else(|| "three codes of 0 to 255, such as `0,0,255`".to_owned())
-}
-
 fn read_series(args: &Args) -> Result<Series, CommandError> {
     let (files, exposures_s) = match &args.list {
         Some(list) => listed(list)?,
@@ -226,7 +214,7 @@ fn read_series(args: &Args) -> Result<Series, CommandError> {
     let size_px = size.unwrap_or([0, 0]).map(|side| side as usize);
     let holes = args
         .mask_rgb
-        .map(|color| codes.iter().map(|codes| holes(codes, size_px, color)).collect());
+        .map(|color| codes.iter().map(|codes| mask::holes(codes, size_px, color)).collect());
     Ok(Series {
         files,
         exposures_s,
@@ -276,30 +264,6 @@ fn seconds(text: &str) -> Option<f64> {
         Some((over, under)) => Some(over.trim().parse::<f64>().ok()? / under.trim().parse::<f64>().ok()?),
         None => text.trim().parse().ok(),
     }
-}
-
-/// Pixels of a colour, and those around them.
-fn holes(codes: &[u8], [width, height]: [usize; 2], color: [u8; 3]) -> Vec<bool> {
-    let is_hole = |pixel: &[u8]| {
-        pixel
-            .iter()
-            .zip(color)
-            .all(|(&code, of)| code.abs_diff(of) <= HOLE_TOLERANCE)
-    };
-    let mut holes: Vec<bool> = codes.chunks_exact(3).map(is_hole).collect();
-    // Rows, then columns.
-    for (step, stride, n) in [(1, width, height), (width, 1, width)] {
-        let length = width * height / n.max(1);
-        for line in 0..n {
-            let at = |i: usize| line * stride + i * step;
-            let before: Vec<bool> = (0..length).map(|i| holes[at(i)]).collect();
-            for i in 0..length {
-                let around = i.saturating_sub(HOLE_EDGE_PX)..(i + HOLE_EDGE_PX + 1).min(length);
-                holes[at(i)] = before[around].iter().any(|&hole| hole);
-            }
-        }
-    }
-    holes
 }
 
 fn response(args: &Args, series: &Series) -> Result<Response, MergeError> {

@@ -31,6 +31,8 @@ pub(crate) enum PhotometricError {
         found: [u32; 2],
         expected: [u32; 2],
     },
+    #[error("there are more than `{most}` pictures of `{} x {}`, for which 4 GiB of memory are too little (allowed: 1 to {most})", size_px[0], size_px[1])]
+    TooMany { size_px: [u32; 2], most: u64 },
     #[error("picture `{picture}` has other white-balance gains than the first one")]
     WhiteBalance { picture: String },
     #[error("picture `{picture}` is saturated: `{percent:.0} %` of it is white (allowed: at most 98 %)")]
@@ -76,17 +78,25 @@ impl Explain for PhotometricError {
             Self::ExifMissing { .. } => "give `--exposures FILE.csv` with `file,exposure_s,gain`",
             Self::NoPictures { .. } => "name a camera of the recording with `--camera`",
             Self::Size { .. } => "give pictures of one camera and one mode only",
+            Self::TooMany { .. } => "two or three pictures of each exposure are enough: give fewer, or smaller ones",
             Self::WhiteBalance { .. } => "hold the white balance while the exposure changes",
             Self::Saturated { .. } => "leave it out, or shorten its exposure",
             Self::Black { .. } => "leave it out, or lengthen its exposure",
             Self::Fit(FitError::EqualExposures { .. } | FitError::Count { .. }) => {
                 "take a bracket: three exposures or more, two or three stops apart; or give `--response srgb`"
             }
+            Self::Fit(FitError::Reversed { .. }) => {
+                "look whether the exposures belong to other pictures of the bracket"
+            }
             Self::Fit(FitError::NothingInCommon { .. }) => {
                 "a scene of many shades, and exposures two or three stops apart, show enough in common"
             }
             Self::Fit(_) => return None,
             Self::Noise(_) => "take every exposure two or three times, camera and scene still, with texture in sight",
+            Self::Vignetting {
+                source: VignettingError::Shape { .. },
+                ..
+            } => "give pictures of the camera's whole sensor",
             Self::Vignetting { .. } => "fill the picture with an evenly lit white sheet, out of focus, not clipped",
             Self::BlackLevel { .. } => "cover the lens",
             Self::Latency(_) => "change the exposure by a stop or more, twenty frames apart, under steady light",

@@ -1,5 +1,7 @@
 //! The measurements, in their order: each stands on those before.
 
+use std::borrow::Cow;
+
 use glam::DMat3;
 use mirrorball_calib::{
     photometric::{
@@ -120,7 +122,7 @@ fn respond(args: &Args, series: &Series) -> Result<Response, PhotometricError> {
         .iter()
         .map(|&picture| Shot {
             codes: &series.codes[picture],
-            holes: None,
+            holes: series.holes_of(picture),
             exposure_s: nominal_s[series.setting_of[picture]],
         })
         .collect();
@@ -235,15 +237,15 @@ fn names(pictures: &[(String, Vec<u8>)]) -> String {
 }
 
 fn sensor_noise(series: &Series, response: &ResponseCurve) -> Result<Option<SensorNoise>, PhotometricError> {
+    let seen: Vec<Vec<Cow<'_, [u8]>>> = (0..series.settings.len())
+        .map(|setting| series.seen(&series.pictures_of(setting).collect::<Vec<_>>()))
+        .collect();
     let settings: Vec<Repeats<'_>> = series
         .settings
         .iter()
-        .enumerate()
-        .map(|(index, setting)| Repeats {
-            pictures: series
-                .pictures_of(index)
-                .map(|picture| series.codes[picture].as_slice())
-                .collect(),
+        .zip(&seen)
+        .map(|(setting, seen)| Repeats {
+            pictures: seen.iter().map(AsRef::as_ref).collect(),
             gain: series.white_balance.map(|white_balance| white_balance * setting.gain),
         })
         .filter(|repeats| repeats.pictures.len() > 1)
@@ -265,15 +267,14 @@ fn follow(file: &std::path::Path, series: &Series, response: &ResponseCurve) -> 
         })
         .collect();
     requests.sort_by_key(|request| request.frame);
-    let mut levels: Vec<Level> = series
-        .codes
-        .iter()
-        .zip(&series.frames)
-        .map(|(codes, &frame)| Level {
+    let level = |(picture, &frame): (usize, &u64)| {
+        let code = code_at(&series.seen(&[picture])[0], LEVEL_SHARE);
+        Level {
             frame,
-            signal: response.linear_from_code(code_at(codes, LEVEL_SHARE)).max(1e-6),
-        })
-        .collect();
+            signal: response.linear_from_code(code).max(1e-6),
+        }
+    };
+    let mut levels: Vec<Level> = series.frames.iter().enumerate().map(level).collect();
     levels.sort_by_key(|level| level.frame);
     Ok(latency::measure(&requests, &levels).map_err(PhotometricError::Latency)?)
 }

@@ -9,7 +9,7 @@ use std::{io::Write, path::PathBuf};
 
 use mirrorball_calib::rig::Role;
 
-use super::{CommandError, input::InputArgs, output::OutputArgs, progress::Progress};
+use super::{CommandError, input::InputArgs, mask, output::OutputArgs, progress::Progress};
 pub(crate) use error::PhotometricError;
 use measure::Measured;
 
@@ -35,6 +35,9 @@ pub(crate) struct Args {
     /// Folder of pictures with the lens covered: black level.
     #[arg(long, value_name = "DIR")]
     dark: Option<PathBuf>,
+    /// Colour of pixels that show nothing, such as the borders of registered pictures.
+    #[arg(long, value_name = "R,G,B", value_parser = mask::rgb)]
+    mask_rgb: Option<[u8; 3]>,
     /// Table `frame,exposure_s,gain` of requests: from which frame on another exposure was asked for. Control latency.
     #[arg(long, value_name = "FILE.csv")]
     requests: Option<PathBuf>,
@@ -68,6 +71,11 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         let _progress = Progress::solve("measuring response, noise and vignetting");
         measure::measure(args, &series)?
     };
+    report::write_summary(out, &series, &measured).map_err(CommandError::Output)?;
+    args.output.write_json(&report::Numbers::new(&series, &measured))?;
+    args.output
+        .write_report(|| report::page(&args.camera, &series, &measured))?;
+    // Last: what cannot go into the rig is measured all the same, and a rig that has changed has its numbers beside it.
     if let Some(file) = &args.output.out {
         let mut draft = super::output::draft(file)?;
         let parts = draft.parts(file).map_err(|source| CommandError::Rig {
@@ -82,8 +90,5 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         draft.set_photometry(&args.camera, &photometry);
         args.output.write_rig(&draft)?;
     }
-    args.output.write_json(&report::Numbers::new(&series, &measured))?;
-    args.output
-        .write_report(|| report::page(&args.camera, &series, &measured))?;
-    report::write_summary(out, &series, &measured).map_err(CommandError::Output)
+    Ok(())
 }

@@ -17,6 +17,7 @@ use super::{Measured, series::Series};
 /// The numbers as JSON.
 #[derive(Serialize)]
 pub(super) struct Numbers {
+    routine: &'static str,
     /// Linear signal of every code, of one curve, or of red, green and blue.
     response: Vec<Vec<f64>>,
     known_codes: Option<[u8; 2]>,
@@ -28,6 +29,7 @@ pub(super) struct Numbers {
     noise_misfit: Option<f64>,
     black_code: Option<f64>,
     exposures: Vec<Exposure>,
+    exposures_without_picture: Vec<String>,
     latency_frames: Option<usize>,
     latency_of_changes: Option<Vec<usize>>,
     ratio_errors: Option<Errors>,
@@ -85,6 +87,7 @@ impl Numbers {
                 .collect(),
         });
         Self {
+            routine: "photometric",
             response: curves(measured).iter().map(|(_, curve)| table(curve)).collect(),
             known_codes: measured.known_codes,
             vignetting: vignetting.map(|found| found.coefficients),
@@ -95,6 +98,7 @@ impl Numbers {
             noise_misfit: noise.map(|found| found.misfit),
             black_code: measured.black.map(|black| black.code),
             exposures: exposures.collect(),
+            exposures_without_picture: series.unused.clone(),
             latency_frames: measured.latency.as_ref().map(|latency| latency.frames),
             latency_of_changes: measured.latency.as_ref().map(|latency| latency.of_changes.clone()),
             ratio_errors: measured.errors.as_ref().map(Errors::new),
@@ -116,6 +120,13 @@ fn curves(measured: &Measured) -> Vec<(&'static str, &ResponseCurve)> {
     } else {
         vec![("red", red), ("green", green), ("blue", blue)]
     }
+}
+
+/// What should not be so.
+fn warning(series: &Series) -> Option<String> {
+    let files: Vec<String> = series.unused.iter().map(|file| format!("`{file}`")).collect();
+    let list = files.join(", ");
+    (!files.is_empty()).then(|| format!("listed with an exposure, but not among the pictures: {list}"))
 }
 
 /// Lines for a person at a terminal.
@@ -164,12 +175,18 @@ pub(super) fn write_summary(out: &mut impl Write, series: &Series, measured: &Me
     if let Some(latency) = &measured.latency {
         writeln!(out, "control latency: {} frames", latency.frames)?;
     }
+    if let Some(warning) = warning(series) {
+        writeln!(out, "warning: {warning}")?;
+    }
     Ok(())
 }
 
 /// The page.
 pub(super) fn page(camera: &str, series: &Series, measured: &Measured) -> Report {
     let mut report = Report::new(format!("Photometry of camera {camera}"));
+    if let Some(warning) = warning(series) {
+        report.push(Block::Warning(format!("{warning}.")));
+    }
     report.push(response_block(measured));
     if let (Some(errors), Some(rivals)) = (&measured.errors, &measured.rivals) {
         let row = |name: &str, errors: Option<&RatioErrors>| {

@@ -1,6 +1,7 @@
 //! The pictures of a bracket and the exposure of each: from the recording, a list, or EXIF data.
 
 use std::{
+    borrow::Cow,
     collections::HashMap,
     fs,
     io::BufReader,
@@ -14,7 +15,11 @@ use super::{Args, PhotometricError};
 use crate::commands::{
     CommandError,
     input::{Picture, Pictures},
+    mask,
 };
+
+/// Memory that the pictures of a series may take, in bytes: 28 of 50 megapixels, 690 of 1920 × 1080.
+const MAX_BYTES: u64 = 4 << 30;
 
 /// Share of a picture that may be at one end of the scale.
 const MAX_CLIPPED: f64 = 0.98;
@@ -26,6 +31,8 @@ const SAME_SETTING: f64 = 1e-3;
 pub(super) struct Series {
     pub(super) names: Vec<String>,
     pub(super) codes: Vec<Vec<u8>>,
+    /// Of each picture, the pixels that show nothing; empty when every pixel shows something.
+    pub(super) holes: Vec<Vec<bool>>,
     pub(super) size_px: [u32; 2],
     /// Numbers of the frames; their place in the series where there are none.
     pub(super) frames: Vec<u64>,
@@ -33,6 +40,8 @@ pub(super) struct Series {
     pub(super) setting_of: Vec<usize>,
     pub(super) settings: Vec<Setting>,
     pub(super) white_balance: [f64; 3],
+    /// Files of the list of exposures that are not among the pictures, sorted.
+    pub(super) unused: Vec<String>,
 }
 
 /// A setting of the driver.
@@ -83,11 +92,13 @@ pub(super) fn read(args: &Args) -> Result<Series, CommandError> {
     let mut series = Series {
         names: Vec::new(),
         codes: Vec::new(),
+        holes: Vec::new(),
         size_px: [0, 0],
         frames: Vec::new(),
         setting_of: Vec::new(),
         settings: Vec::new(),
         white_balance: [1.0; 3],
+        unused: Vec::new(),
     };
     for (index, picture) in args.input.open()?.enumerate() {
         let picture = picture?;
@@ -105,7 +116,7 @@ pub(super) fn read(args: &Args) -> Result<Series, CommandError> {
             },
             (None, _, _) => from_exif(&picture.name, args.input.images.as_deref())?,
         };
-        series.add(picture, setting, index as u64)?;
+        series.add(picture, setting, index as u64, args.mask_rgb)?;
     }
     if series.names.is_empty() {
         return Err(PhotometricError::NoPictures {
@@ -113,11 +124,20 @@ pub(super) fn read(args: &Args) -> Result<Series, CommandError> {
         }
         .into());
     }
+    let listed = listed.into_iter().flatten().map(|(file, _)| file);
+    series.unused = listed.filter(|file| !series.names.contains(file)).collect();
+    series.unused.sort();
     Ok(series)
 }
 
 impl Series {
-    fn add(&mut self, picture: Picture, setting: Setting, index: u64) -> Result<(), PhotometricError> {
+    fn add(
+        &mut self,
+        picture: Picture,
+        setting: Setting,
+        index: u64,
+        mask_rgb: Option<[u8; 3]>,
+    ) -> Result<(), PhotometricError> {
         let found = [picture.rgb.width(), picture.rgb.height()];
         let white_balance = picture.exposure.map_or([1.0; 3], |exposure| exposure.white_balance);
         if self.names.is_empty() {
@@ -134,8 +154,11 @@ impl Series {
         if white_balance != self.white_balance {
             return Err(PhotometricError::WhiteBalance { picture: picture.name });
         }
+        check_memory(self.names.len(), found)?;
         let codes = picture.rgb.into_raw();
-        check_not_clipped(&picture.name, &codes)?;
+        let holes = mask_rgb.map(|color| mask::holes(&codes, found.map(|side| side as usize), color));
+        let seen = outside(&codes, holes.as_slice());
+        check_not_clipped(&picture.name, &seen)?;
         let known = self.settings.iter().position(|other| other.is(setting));
         self.setting_of.push(known.unwrap_or(self.settings.len()));
         if known.is_none() {
@@ -144,13 +167,56 @@ impl Series {
         self.frames.push(picture.sequence.unwrap_or(index));
         self.names.push(picture.name);
         self.codes.push(codes);
+        self.holes.extend(holes);
         Ok(())
+    }
+
+    /// The pixels of a picture that show nothing, if any do.
+    pub(super) fn holes_of(&self, picture: usize) -> Option<&[bool]> {
+        self.holes.get(picture).map(Vec::as_slice)
+    }
+
+    /// Codes of these pictures where none of them has a hole.
+    pub(super) fn seen(&self, pictures: &[usize]) -> Vec<Cow<'_, [u8]>> {
+        let holes: Vec<&[bool]> = pictures.iter().filter_map(|&picture| self.holes_of(picture)).collect();
+        pictures
+            .iter()
+            .map(|&picture| outside(&self.codes[picture], &holes))
+            .collect()
     }
 
     /// Indices of the pictures of a setting.
     pub(super) fn pictures_of(&self, setting: usize) -> impl Iterator<Item = usize> {
         (0..self.names.len()).filter(move |&picture| self.setting_of[picture] == setting)
     }
+}
+
+/// Codes of the pixels that are in none of these holes.
+fn outside<'a>(codes: &'a [u8], holes: &[impl AsRef<[bool]>]) -> Cow<'a, [u8]> {
+    if holes.is_empty() {
+        return Cow::Borrowed(codes);
+    }
+    let is_seen = |pixel: usize| !holes.iter().any(|holes| holes.as_ref()[pixel]);
+    let pixels = codes.chunks_exact(3).enumerate();
+    Cow::Owned(
+        pixels
+            .filter(|(pixel, _)| is_seen(*pixel))
+            .flat_map(|(_, codes)| codes)
+            .copied()
+            .collect(),
+    )
+}
+
+/// Whether there is room for one picture more of this size.
+fn check_memory(kept: usize, size_px: [u32; 2]) -> Result<(), PhotometricError> {
+    let bytes = 3 * u64::from(size_px[0]) * u64::from(size_px[1]);
+    if (kept as u64 + 1) * bytes <= MAX_BYTES {
+        return Ok(());
+    }
+    Err(PhotometricError::TooMany {
+        size_px,
+        most: MAX_BYTES / bytes,
+    })
 }
 
 fn check_not_clipped(picture: &str, codes: &[u8]) -> Result<(), PhotometricError> {
@@ -249,15 +315,44 @@ pub(super) fn read_folder(folder: &Path, size_px: [u32; 2]) -> Result<Vec<(Strin
     for picture in Pictures::of_folder(folder)? {
         let picture = picture?;
         let found = [picture.rgb.width(), picture.rgb.height()];
+        // There are several folders, and files of one name in them.
+        let name = folder.join(&picture.name).display().to_string();
         if found != size_px {
             return Err(PhotometricError::Size {
-                picture: picture.name,
+                picture: name,
                 found,
                 expected: size_px,
             }
             .into());
         }
-        pictures.push((picture.name, picture.rgb.into_raw()));
+        check_memory(pictures.len(), size_px)?;
+        pictures.push((name, picture.rgb.into_raw()));
     }
     Ok(pictures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_that_would_fill_the_memory_is_refused_with_what_fits() {
+        check_memory(689, [1920, 1080]).unwrap();
+        let error = check_memory(690, [1920, 1080]).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "there are more than `690` pictures of `1920 x 1080`, for which 4 GiB of memory are too little (allowed: 1 to 690)"
+        );
+        assert!(check_memory(0, [60_000, 60_000]).is_err());
+    }
+
+    #[test]
+    fn a_hole_in_one_picture_is_left_out_of_all() {
+        let codes = [1, 1, 1, 2, 2, 2, 3, 3, 3];
+        assert_eq!(
+            *outside(&codes, &[[true, false, false], [false, false, true]]),
+            [2, 2, 2]
+        );
+        assert!(matches!(outside(&codes, &[] as &[Vec<bool>]), Cow::Borrowed(all) if all == codes));
+    }
 }

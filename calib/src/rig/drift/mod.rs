@@ -18,13 +18,11 @@ mod problem;
 mod solve;
 mod verdict;
 
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::{Rig, Role};
-use crate::{
-    resection::{self, NoPose},
-    tag::Detection,
-};
+use super::{Marker, Rig, Role};
+use crate::{camera::Intrinsics, pose::Pose, resection, tag::Detection};
 pub use ball::{BallCheck, BallPlace};
 pub use problem::Suspect;
 use problem::{Block, Observation, Problem};
@@ -149,34 +147,47 @@ impl<'a> DriftCheck<'a> {
             .collect();
         let located = resection::locate(&known, self.rig, &camera.intrinsics);
         self.seen += usize::from(camera.role == Role::Scene);
-        let block = match (camera.camera_from_world, located) {
-            (Some(place), located) => Block {
-                // A camera that has been knocked sees the markers from elsewhere.
-                camera_from_world: located.map_or(place, |located| located.camera_from_world),
-                fixed_camera: Some(index),
-            },
-            (None, Ok(located)) => Block {
-                camera_from_world: located.camera_from_world,
-                fixed_camera: None,
-            },
-            (None, Err(NoPose::NoMarkers | NoPose::NoKnownMarker { .. })) => {
-                self.lost += 1;
-                return;
-            }
-            (None, Err(_)) => {
-                // Markers that agree on nothing: the first fit of each is as good a start as any.
-                self.lost += 1;
-                return;
-            }
+        self.lost += usize::from(camera.camera_from_world.is_none() && located.is_err());
+        // Where a rig is very wrong, all of its markers together say nothing, but each of them does.
+        let found = located.map(|located| located.camera_from_world);
+        let found = found
+            .ok()
+            .or_else(|| self.pose_by_one_marker(&known, &camera.intrinsics));
+        // A camera that has been knocked sees the markers from elsewhere.
+        let Some(camera_from_world) = found.or(camera.camera_from_world) else {
+            return;
         };
-        if known.is_empty() || (block.fixed_camera.is_none() && known.len() < 2) {
+        let fixed_camera = camera.camera_from_world.map(|_| index);
+        if known.is_empty() || (fixed_camera.is_none() && known.len() < 2) {
             return;
         }
         self.pictures.push(Seen {
             camera: index,
-            block,
+            block: Block {
+                camera_from_world,
+                fixed_camera,
+            },
             detections: known,
         });
+    }
+
+    /// Where one marker alone puts the camera: of all of these, the one that puts the others nearest to where they were seen.
+    fn pose_by_one_marker(&self, known: &[Detection], intrinsics: &Intrinsics) -> Option<Pose> {
+        // Sums of distances, so that what is far off counts little more than what is off.
+        let error = |pose: &Pose| -> f64 {
+            let corners = known.iter().flat_map(|seen| {
+                let places = self.rig.marker(seen.id).map(Marker::corners_world);
+                places.into_iter().flatten().zip(seen.corners_px)
+            });
+            let distance = |(place, pixel): (DVec3, DVec2)| {
+                let projected = intrinsics.project(pose.transform_point(place));
+                projected.map_or(f64::from(intrinsics.size_px[0]), |projected| projected.distance(pixel))
+            };
+            corners.map(distance).sum()
+        };
+        let alone = |seen| resection::locate(std::slice::from_ref(seen), self.rig, intrinsics).ok();
+        let poses = known.iter().filter_map(alone).map(|located| located.camera_from_world);
+        poses.min_by(|a, b| error(a).total_cmp(&error(b)))
     }
 
     /// What the pictures say; `report` hears of every suspicion that has been looked into.

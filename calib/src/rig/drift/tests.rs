@@ -2,15 +2,8 @@
 
 use std::path::Path;
 
-use glam::{DVec2, DVec3};
-
 use super::*;
-use crate::{
-    camera::Intrinsics,
-    pose::{Pose, Twist},
-    rig::Camera,
-    tag::Family,
-};
+use crate::{pose::Twist, rig::Camera, tag::Family};
 
 /// Noise of corners in pixels; what is expected of markers of 50 pixels' side.
 const NOISE_PX: f64 = 0.05;
@@ -58,7 +51,7 @@ fn rig() -> Rig {
 }
 
 fn detections(rig: &Rig, intrinsics: &Intrinsics, pose: &Pose, noise: &mut Noise) -> Vec<Detection> {
-    let seen = |marker: &crate::rig::Marker| {
+    let seen = |marker: &Marker| {
         let mut corners_px = [DVec2::ZERO; 4];
         for (pixel, point) in corners_px.iter_mut().zip(marker.corners_world()) {
             let exact = intrinsics.project(pose.transform_point(point))?;
@@ -272,4 +265,21 @@ fn without_markers_nothing_is_said() {
     let error = check.verdict(&|_| {}).unwrap_err();
     assert_eq!(error, DriftError::TooLittle { pictures: 1 });
     assert!(error.to_string().contains("none of `1` pictures"));
+}
+
+#[test]
+fn a_rig_that_is_wrong_throughout_is_judged_though_no_picture_has_a_pose() {
+    let mut truth = rig();
+    for (index, marker) in truth.markers.iter_mut().enumerate() {
+        let angle = 1.3 * index as f64;
+        let moved = &mut marker.world_from_marker;
+        *moved = Pose {
+            translation: 0.03 * DVec3::new(angle.cos(), angle.sin(), 0.3 * angle.sin()),
+            ..Pose::identity()
+        } * *moved;
+    }
+    let drift = verdict(&rig(), &truth, 3);
+    assert!(!drift.holds());
+    println!("{} of {} lost, {:?}", drift.lost, drift.pictures, drift.findings);
+    assert_eq!((drift.pictures, drift.lost), (12, 12));
 }

@@ -277,15 +277,15 @@ fn bad_pictures_are_named() {
 /// Folder `bracket` with one picture of each exposure, and `list.csv` with these exposures.
 fn take_bracket(folder: &Path, edit: impl Fn(&mut Vec<u8>), listed_s: [f64; 4]) {
     let mut random = Random(19);
-    fs::create_dir_all(folder.join("bracket")).unwrap();
+    fs::create_dir_all(folder.join("bracket")).expect("a temporary folder can be written");
     let mut list = "file,exposure_s\n".to_owned();
     for (index, (taken_s, listed_s)) in NOMINAL_S.into_iter().zip(listed_s).enumerate() {
         let mut codes = random.shoot(|x, y| scene(x, y) * taken_s);
         edit(&mut codes);
         save(&folder.join(format!("bracket/{index}.png")), &codes);
-        writeln!(list, "{index}.png,{listed_s}").unwrap();
+        writeln!(list, "{index}.png,{listed_s}").expect("a text can be written");
     }
-    fs::write(folder.join("list.csv"), list).unwrap();
+    fs::write(folder.join("list.csv"), list).expect("a temporary folder can be written");
 }
 
 const BRACKET: [&str; 6] = ["--images", "bracket", "--exposures", "list.csv", "--json", "out.json"];

@@ -328,6 +328,34 @@ fn wrong_boards_are_told_by_what_is_wrong() {
         last,
     };
     assert_eq!(reason(&shown, &grid(6, 3, 0), keep), other_ids(0, 17));
+    // Counted from another id, half of the markers or more still fit each other.
+    assert_eq!(reason(&shown, &grid(6, 5, 3), keep), other_ids(3, 32));
+    assert_eq!(reason(&shown, &grid(6, 5, 6), keep), other_ids(6, 35));
+    assert_eq!(reason(&shown, &grid(6, 5, 100), keep), other_ids(100, 129));
+    let charuco_from = |new_rows: u32, new_first: u32| {
+        let mut board = charuco();
+        if let Board::Charuco { rows, first_id, .. } = &mut board {
+            (*rows, *first_id) = (new_rows, new_first);
+        }
+        board
+    };
+    let charuco_ids = |first, last| Reason::OtherIds {
+        lowest: 0,
+        highest: 23,
+        first,
+        last,
+    };
+    assert_eq!(reason(&charuco(), &charuco_from(6, 3), keep), charuco_ids(3, 26));
+    assert_eq!(reason(&charuco(), &charuco_from(4, 0), keep), charuco_ids(0, 15));
+    for sought in [1, 2] {
+        for shown in [1, 2] {
+            let mirrored = reason(&aprilgrid(shown), &aprilgrid(sought), mirror);
+            assert!(
+                matches!(mirrored, Reason::Mirrored { markers } if markers >= 2),
+                "{shown} {sought}: {mirrored}"
+            );
+        }
+    }
     let small = Board::Chessboard {
         columns: 7,
         rows: 5,
@@ -409,5 +437,42 @@ fn pictures_without_a_board_have_none() {
         assert!(matches!(none(&[255; 3 * 64 * 48], size), Reason::Clipped { .. }));
         assert!(matches!(none(&[0; 12], size), Reason::Picture(_)));
         assert!(matches!(none(&[0; 12], [40_000, 1]), Reason::Picture(_)));
+    }
+}
+
+/// The standard deviations that are claimed are those of the errors, whatever limits them.
+#[test]
+fn corners_are_as_good_as_is_claimed() {
+    let camera = BoardCamera::new(&pinhole());
+    for board in [aprilgrid(2), charuco()] {
+        for blur_px in [0.0, 0.5, 1.0] {
+            for (full_well_e, turns_deg) in [
+                (f64::INFINITY, [0.0, 3.0, 7.0]),
+                (f64::INFINITY, [30.0, 3.0, 18.0]),
+                (f64::INFINITY, [60.0, 3.0, 40.0]),
+                (3000.0, [0.0, 3.0, 7.0]),
+                (3000.0, [45.0, 3.0, 29.0]),
+            ] {
+                let view = View {
+                    distance_m: 0.36,
+                    turns_deg,
+                    towards: [0.01, 0.02, 1.0],
+                };
+                let look = Look {
+                    blur_px,
+                    full_well_e,
+                    ..Look::default()
+                };
+                let (found, _) = shoot(&camera, &board, &view, &look);
+                let exact = camera.exact_corners(&board, &pose(&board, &view));
+                let ratios = found.view.corners.iter().map(|corner| {
+                    let exact = exact[corner.corner as usize].expect("it is in the picture");
+                    exact.distance_squared(corner.pixel) / (2.0 * corner.sigma_px.powi(2))
+                });
+                let ratio = (ratios.sum::<f64>() / found.view.corners.len() as f64).sqrt();
+                println!("{ratio:.2} blur {blur_px} full well {full_well_e} turns {turns_deg:?}");
+                assert!((0.5..1.6).contains(&ratio), "{ratio} {blur_px} {turns_deg:?} {board:?}");
+            }
+        }
     }
 }

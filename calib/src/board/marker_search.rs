@@ -21,6 +21,9 @@ const MAX_MEAN_HAMMING: f64 = 0.5;
 /// Markers from which on their arrangement is judged.
 const MIN_TO_JUDGE: usize = 5;
 
+/// Markers that fit those in use but are not on the board: so many are no accident.
+const MIN_UNUSED: usize = 3;
+
 /// Most columns that a board of another arrangement is thought to have.
 const MAX_COLUMNS: u32 = 40;
 
@@ -59,38 +62,36 @@ impl MarkerSearch {
     pub(super) fn find(&mut self, luma: &LinearLuma) -> Result<Vec<PlacedMarker>, Reason> {
         self.bright = brightened(luma);
         let size = luma.size();
-        let mut detections = self.detector.detect(view(&self.bright, size));
-        if self.board.place(&detections).len() < self.board.markers_m().len() {
-            // Ink spreads, and black squares that should only touch grow together: white grown by a pixel parts them.
-            let grown = lightest_of_nine(&self.bright, size);
-            detections.extend(self.detector.detect(view(&grown, size)));
+        let all = self.board.markers_m().len();
+        let detections = detect(&mut self.detector, &self.bright, size, all);
+        let found = group(&self.board, &detections);
+        let is_suspect = found.len() < MIN_GROUP || mean_hamming(&detections) > MAX_MEAN_HAMMING;
+        if is_suspect {
+            self.look_for_other_border(size, found.len())?;
         }
-        let found = self.group(&self.board, &detections);
         if found.len() < MIN_GROUP {
             self.look_for_mirrored(size)?;
         }
-        if found.len() < MIN_GROUP || mean_hamming(&detections) > MAX_MEAN_HAMMING {
-            self.look_for_other_border(size, found.len())?;
-        }
-        self.judge_arrangement(&detections, found.len())?;
+        self.judge_arrangement(&detections, &found)?;
         Ok(found)
     }
 
-    fn group(&self, board: &Board, detections: &[Detection]) -> Vec<PlacedMarker> {
-        consistent(&board.place(detections), self.board.pitch_m())
-    }
-
-    /// Whether the board is there mirrored.
+    /// Whether the board is there mirrored, with whichever border.
     fn look_for_mirrored(&mut self, size: [usize; 2]) -> Result<(), Reason> {
         let mirrored: Vec<u8> = self
             .bright
             .chunks_exact(size[0].max(1))
             .flat_map(|row| row.iter().rev().copied())
             .collect();
-        let detections = self.detector.detect(view(&mirrored, size));
-        let markers = self.group(&self.board, &detections).len();
-        if markers >= MIN_GROUP {
-            return Err(Reason::Mirrored { markers });
+        let all = self.board.markers_m().len();
+        for detector in [Some(&mut self.detector), self.other_border.as_mut()]
+            .into_iter()
+            .flatten()
+        {
+            let markers = group(&self.board, &detect(detector, &mirrored, size, all)).len();
+            if markers >= MIN_GROUP {
+                return Err(Reason::Mirrored { markers });
+            }
         }
         Ok(())
     }
@@ -110,8 +111,8 @@ impl MarkerSearch {
         let detector = self
             .other_border
             .get_or_insert_with(|| Detector::with_border(&[family], found));
-        let detections = detector.detect(view(&self.bright, size));
-        let group = self.group(&self.board, &detections).len();
+        let detections = detect(detector, &self.bright, size, self.board.markers_m().len());
+        let group = group(&self.board, &detections).len();
         if group >= MIN_GROUP.max(in_group) && mean_hamming(&detections) <= MAX_MEAN_HAMMING {
             return Err(Reason::OtherBorder { found, expected });
         }
@@ -119,38 +120,54 @@ impl MarkerSearch {
     }
 
     /// Whether the markers belong together in another way than on the board.
-    fn judge_arrangement(&self, detections: &[Detection], in_group: usize) -> Result<(), Reason> {
-        let (first, last) = self.ids();
+    fn judge_arrangement(&self, detections: &[Detection], found: &[PlacedMarker]) -> Result<(), Reason> {
         let mut ids: Vec<u32> = detections.iter().map(|detection| detection.id).collect();
         ids.sort_unstable();
         ids.dedup();
         if ids.len() < MIN_TO_JUDGE {
             return Ok(());
         }
-        let all = with_all_ids(&self.board);
-        let group = self.group(&all, detections);
-        let outside = group.iter().map(|marker| all.first_id() + marker.number);
-        let outside = outside.filter(|id| !(first..=last).contains(id)).count();
-        if outside >= MIN_GROUP && group.len() > in_group {
-            return Err(Reason::OtherIds {
-                lowest: ids[0],
-                highest: ids[ids.len() - 1],
-                first,
-                last,
-            });
-        }
-        if 2 * in_group >= ids.len() {
-            return Ok(());
-        }
         let expected = columns(&self.board);
-        let fitting = (1..=MAX_COLUMNS)
-            .map(|columns| (self.group(&with_columns(&all, columns), detections).len(), columns))
-            .max_by(|a, b| a.0.cmp(&b.0).then(b.1.cmp(&a.1)));
-        match fitting {
-            Some((size, found)) if found != expected && 4 * size >= 3 * ids.len() => {
-                Err(Reason::OtherColumns { found, expected })
+        if 2 * found.len() < ids.len() {
+            let all = with_all_ids(&self.board, self.board.first_id());
+            let fitting = (1..=MAX_COLUMNS)
+                .map(|columns| (group(&with_columns(&all, columns), detections).len(), columns))
+                .max_by(|a, b| a.0.cmp(&b.0).then(b.1.cmp(&a.1)));
+            if let Some((size, found)) = fitting
+                && found != expected
+                && 4 * size >= 3 * ids.len()
+            {
+                return Err(Reason::OtherColumns { found, expected });
             }
-            Some(_) | None => Ok(()),
+        }
+        self.judge_ids(detections, found)
+    }
+
+    /// Whether more markers belong together, with the board's columns but counted from another id or further.
+    fn judge_ids(&self, detections: &[Detection], found: &[PlacedMarker]) -> Result<(), Reason> {
+        // Ids run on in the same way every `columns` markers.
+        let groups = (0..columns(&self.board)).map(|start| {
+            let markers = group(&with_all_ids(&self.board, start), detections);
+            markers.iter().map(|marker| start + marker.number).collect::<Vec<u32>>()
+        });
+        let Some(seen) = groups.max_by_key(Vec::len) else {
+            return Ok(());
+        };
+        let (first, last) = self.ids();
+        // Another board beside this one does no harm.
+        let is_this_board = found.iter().any(|marker| seen.contains(&(first + marker.number)));
+        match seen[..] {
+            [lowest, .., highest]
+                if seen.len() >= found.len() + MIN_UNUSED && (is_this_board || found.len() < MIN_GROUP) =>
+            {
+                Err(Reason::OtherIds {
+                    lowest,
+                    highest,
+                    first,
+                    last,
+                })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -160,6 +177,22 @@ impl MarkerSearch {
         let count = u32::try_from(self.board.markers_m().len()).expect("boards have less than 2³² markers");
         (first, first + count.saturating_sub(1))
     }
+}
+
+/// The markers in a picture; where not all of the board's are seen, looked for harder.
+fn detect(detector: &mut Detector, pixels: &[u8], size: [usize; 2], all: usize) -> Vec<Detection> {
+    let mut detections = detector.detect(view(pixels, size));
+    if detections.len() < all {
+        // Ink spreads, and black squares that should only touch grow together: white grown by a pixel parts them.
+        let grown = lightest_of_nine(pixels, size);
+        detections.extend(detector.detect(view(&grown, size)));
+    }
+    detections
+}
+
+/// The markers at their places on a board, as far as they agree.
+fn group(board: &Board, detections: &[Detection]) -> Vec<PlacedMarker> {
+    consistent(&board.place(detections), board.pitch_m())
 }
 
 fn mean_hamming(detections: &[Detection]) -> f64 {
@@ -191,9 +224,25 @@ fn with_columns(board: &Board, new: u32) -> Board {
     board
 }
 
-/// The board with more rows, so that all higher ids have a place; ChArUco boards count from the top and keep their rows.
-fn with_all_ids(board: &Board) -> Board {
-    with_columns(board, columns(board))
+/// The board with ids counted from another one, and so many more rows that all higher ids have a place.
+fn with_all_ids(board: &Board, start: u32) -> Board {
+    let mut board = with_columns(board, columns(board));
+    match &mut board {
+        Board::AprilGrid { first_id, .. } => *first_id = start,
+        Board::Charuco {
+            family,
+            columns,
+            rows,
+            first_id,
+            ..
+        } => {
+            *first_id = start;
+            // Two rows have as many markers as columns; an even number of new rows leaves the colours as they are.
+            *rows += 2 * family.codes().div_ceil((*columns).max(1));
+        }
+        Board::Chessboard { .. } => {}
+    }
+    board
 }
 
 /// Grey values in which the middle between white and black in linear light is nearer to white: where the corners of black

@@ -57,8 +57,12 @@ const MIN_GAP: f64 = 0.4;
 /// Least contrast, as a fraction of the signal's range.
 const MIN_CONTRAST: f64 = 0.004;
 
-/// Least standard deviation that is claimed, in pixels: what is left of clean synthetic pictures.
-const MIN_SIGMA_PX: f64 = 0.01;
+/// Standard deviation besides noise and aliasing, in pixels: what is left of clean drawn pictures.
+const LEAST_SIGMA_PX: f64 = 0.006;
+
+/// Error of an edge's place along a row of pixels, in pixels, relative to the contrast that a blur leaves at the pixels' own
+/// frequency. Fitted to drawn pictures, of known response and of another.
+const ALIASING_PX: f64 = 0.4;
 
 /// Where a corner is expected.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,6 +118,8 @@ pub(super) fn find(luma: &LinearLuma, expected: &Expected) -> Option<Saddle> {
 struct Window {
     pixels: Vec<(DVec2, f64)>,
     expected: Expected,
+    /// Length of either edge within it, in pixels.
+    lengths_px: [f64; 2],
     scale: f64,
 }
 
@@ -168,8 +174,22 @@ impl Window {
         Some(Self {
             pixels,
             expected: *expected,
+            lengths_px: [2.0 * half.x * x.length(), 2.0 * half.y * y.length()],
             scale,
         })
+    }
+
+    /// Variance of either coordinate, in square pixels, because pixels sample sharp edges too coarsely. How an edge lies
+    /// among the pixels moves its apparent place to and fro once per pixel (the more, the less is known of the response);
+    /// over an edge that crosses many rows or columns that averages out.
+    fn aliasing(&self, model: &Model) -> f64 {
+        // What a Gaussian leaves of one period per pixel.
+        let left = (-2.0 * (std::f64::consts::PI * model.blur()).powi(2)).exp();
+        let variance = |i: usize| {
+            let crossed = self.lengths_px[i] * DVec2::from_angle(model.angles[i]).abs().min_element();
+            (ALIASING_PX * left).powi(2) / (1.0 + (std::f64::consts::PI * crossed).powi(2))
+        };
+        0.5 * (variance(0) + variance(1))
     }
 
     /// Whether both white quarters around the middle are clearly brighter than both black ones: not so at the end of an
@@ -300,10 +320,11 @@ impl Fit {
         let variance = self.equations.unexplained / (count - UNKNOWNS as f64).max(4.0);
         let variance = variance.max((0.002 * model.contrast).powi(2));
         let covariance = self.equations.normal.cholesky()?.inverse() * variance;
-        let sigma = (0.5 * (covariance[(0, 0)] + covariance[(1, 1)])).sqrt();
+        let noise = 0.5 * (covariance[(0, 0)] + covariance[(1, 1)]);
+        let sigma = (noise + window.aliasing(model) + LEAST_SIGMA_PX.powi(2)).sqrt();
         Some(Saddle {
             pixel: model.middle,
-            sigma_px: sigma.max(MIN_SIGMA_PX),
+            sigma_px: sigma,
             contrast,
             edge_width_px: model.blur(),
             misfit,

@@ -194,7 +194,10 @@ pub(crate) fn run(args: &Args, out: &mut impl Write) -> Result<(), CommandError>
         (None, Kind::Motion) => moving(args)?,
     };
     found.print(out).map_err(CommandError::Output)?;
-    args.outputs().write_json(&found.numbers())?;
+    args.outputs().write_json(&Told {
+        routine: "timing",
+        numbers: found.numbers(),
+    })?;
     args.outputs().write_report(|| report::report(&found))?;
     Ok(())
 }
@@ -256,6 +259,14 @@ fn edges(light: &[Vec<Sample>; 2], names: &[String; 2]) -> Result<[Vec<Edge>; 2]
 }
 
 /// `--json`; its keys are an interface.
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Told {
+    routine: &'static str,
+    #[serde(flatten)]
+    numbers: Numbers,
+}
+
 #[derive(Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 enum Numbers {

@@ -29,6 +29,7 @@ pub(super) struct Found {
 /// `--json`; its keys are an interface.
 #[derive(Serialize)]
 pub(super) struct Numbers<'a> {
+    routine: &'static str,
     center_m: [f64; 3],
     center_sigma_m: [f64; 3],
     radius_m: f64,
@@ -96,6 +97,7 @@ impl Found {
         let sigma = self.sigmas_m();
         let covariance = &self.fit.covariance_m2;
         Numbers {
+            routine: "ball",
             center_m: self.fit.ball.center_m.to_array(),
             center_sigma_m: [sigma[0], sigma[1], sigma[2]],
             radius_m: self.fit.ball.radius_m,

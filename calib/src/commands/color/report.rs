@@ -13,6 +13,7 @@ use super::read::Found;
 /// The numbers as JSON.
 #[derive(Serialize)]
 pub(super) struct Numbers {
+    routine: &'static str,
     cameras: Vec<String>,
     pictures: [usize; 2],
     first_from_second: [[f64; 3]; 3],
@@ -80,6 +81,7 @@ impl From<&PatchMatch> for PatchNumbers {
 
 impl Numbers {
     pub(super) fn new(cameras: &[String], matched: &ColorMatch, found: &Found) -> Self {
+            routine: "color",
         let matrix = matched.first_from_second;
         let left_out = found.left_out.iter().map(|(camera, patch, reason)| LeftOut {
             camera: camera.clone(),

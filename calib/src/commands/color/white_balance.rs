@@ -99,6 +99,7 @@ fn read_settings(file: &Path) -> Result<Settings, ColorError> {
 /// The numbers as JSON.
 #[derive(Serialize)]
 struct Numbers {
+    routine: &'static str,
     cameras: [String; 2],
     pictures: [usize; 2],
     pictures_without_setting: usize,
@@ -161,6 +162,7 @@ impl From<&GreyAt> for GreyNumbers {
 
 impl Numbers {
     fn new(told: &Told<'_>) -> Self {
+            routine: "color",
         let table = &told.table;
         Self {
             cameras: told.cameras.map(|camera| camera.name.clone()),

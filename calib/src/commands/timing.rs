@@ -258,8 +258,7 @@ fn edges(light: &[Vec<Sample>; 2], names: &[String; 2]) -> Result<[Vec<Edge>; 2]
     Ok([blink::edges(&light[0], &names[0])?, blink::edges(&light[1], &names[1])?])
 }
 
-/// `--json`; its keys are an interface.
-/// What `--json` writes.
+/// What `--json` writes; its keys are an interface.
 #[derive(Serialize)]
 struct Told {
     routine: &'static str,

@@ -81,7 +81,6 @@ impl From<&PatchMatch> for PatchNumbers {
 
 impl Numbers {
     pub(super) fn new(cameras: &[String], matched: &ColorMatch, found: &Found) -> Self {
-            routine: "color",
         let matrix = matched.first_from_second;
         let left_out = found.left_out.iter().map(|(camera, patch, reason)| LeftOut {
             camera: camera.clone(),
@@ -89,6 +88,7 @@ impl Numbers {
             reason: reason.clone(),
         });
         Self {
+            routine: "color",
             cameras: cameras.to_vec(),
             pictures: found.pictures,
             first_from_second: [0, 1, 2].map(|row| matrix.row(row).to_array()),

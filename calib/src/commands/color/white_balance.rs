@@ -162,9 +162,9 @@ impl From<&GreyAt> for GreyNumbers {
 
 impl Numbers {
     fn new(told: &Told<'_>) -> Self {
-            routine: "color",
         let table = &told.table;
         Self {
+            routine: "color",
             cameras: told.cameras.map(|camera| camera.name.clone()),
             pictures: told.pictures,
             pictures_without_setting: told.without_setting,

@@ -349,6 +349,9 @@ fn finish(
             error_px,
         });
     }
+    if !solution.has_settled {
+        return Err(BallError::NotConverged);
+    }
     let sigma_m = solution.covariance_m2[(3, 3)].sqrt();
     let allowed_m = MAX_RADIUS_SIGMA * solution.ball.radius_m;
     if sigma_m.is_nan() || sigma_m > allowed_m {

@@ -14,6 +14,9 @@ use crate::{
 const GROWTH_SIGMA_PX: f64 = 0.1;
 /// Iterations of the least squares; from within a few pixels four are enough.
 const ITERATIONS: usize = 30;
+/// Length of the last step, in standard deviations, at which the unknowns have settled all the same: views between Huber's
+/// squares and lines make steps small but slow.
+const SETTLED: f64 = 0.01;
 /// Squared deviation beyond which a view contradicts: by chance one of 4 million does (χ² of three degrees of freedom), and
 /// outlines are not that normal.
 const CONTRADICTION: f64 = 33.0;
@@ -62,6 +65,8 @@ pub(super) struct Solution {
     pub(super) used: Vec<usize>,
     /// The view furthest off, and how far, pixels.
     pub(super) worst: (usize, f64),
+    /// Whether the solve came to rest.
+    pub(super) has_settled: bool,
 }
 
 impl Solution {
@@ -158,7 +163,11 @@ pub(super) fn robust(
     let majority = seen.len() / 2 + 1;
     let mut worst_of_all: Option<(usize, f64)> = None;
     loop {
-        let (solved, normal) = solve(&used, state(start, 0.0), radius)?;
+        let Solved {
+            state: solved,
+            normal,
+            has_settled,
+        } = solve(&used, state(start, 0.0), radius)?;
         let freedom = |n_views: usize| (3 * n_views + usize::from(radius.is_some())).saturating_sub(4).max(1) as f64;
         let sum = sum_of_squares(&used, &solved);
         let furthest = used.iter().map(|view| (view.index, view.off_px(&solved)));
@@ -170,8 +179,8 @@ pub(super) fn robust(
             && sum - rest > CONTRADICTION * (rest / freedom(used.len() - 1)).max(expected_scale.powi(2))
         {
             let removed = used.remove(position);
-            let (others, _) = solve(&used, solved, radius)?;
-            let off_px = removed.off_px(&others);
+            let others = solve(&used, solved, radius)?;
+            let off_px = removed.off_px(&others.state);
             if off_px > worst.1 {
                 *worst = (removed.index, off_px);
             }
@@ -190,6 +199,7 @@ pub(super) fn robust(
             scale,
             used: used.iter().map(|view| view.index).collect(),
             worst: *worst,
+            has_settled,
         });
     }
 }
@@ -209,8 +219,8 @@ fn best_without_one(seen: &[&Seen], start: &Vector5<f64>, radius: Option<Measure
     let without = |position: usize| {
         let mut others = seen.to_vec();
         others.remove(position);
-        let (solved, _) = solve(&others, *start, radius)?;
-        Some((position, sum_of_squares(&others, &solved)))
+        let solved = solve(&others, *start, radius)?;
+        Some((position, sum_of_squares(&others, &solved.state)))
     };
     (0..seen.len()).filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1))
 }
@@ -220,8 +230,16 @@ fn state(ball: &MirrorBall, growth_px: f64) -> Vector5<f64> {
     Vector5::new(center.x, center.y, center.z, ball.radius_m, growth_px)
 }
 
-/// Gauss and Newton's method with Huber weights on whole views; returns the unknowns and the normal matrix.
-fn solve(seen: &[&Seen], start: Vector5<f64>, radius: Option<Measured>) -> Option<(Vector5<f64>, Matrix5<f64>)> {
+/// Where a solve ended.
+struct Solved {
+    state: Vector5<f64>,
+    normal: Matrix5<f64>,
+    /// Whether its steps had become short.
+    has_settled: bool,
+}
+
+/// Gauss and Newton's method with Huber weights on whole views.
+fn solve(seen: &[&Seen], start: Vector5<f64>, radius: Option<Measured>) -> Option<Solved> {
     let mut state = start;
     for iteration in 0..ITERATIONS {
         let mut normal = Matrix5::zeros();
@@ -253,8 +271,13 @@ fn solve(seen: &[&Seen], start: Vector5<f64>, radius: Option<Measured>) -> Optio
         if state[3] <= 0.0 || !state.iter().all(|x| x.is_finite()) {
             return None;
         }
+        let in_sigmas = (normal * step).dot(&step).sqrt();
         if longest < 1e-9 || iteration + 1 == ITERATIONS {
-            return Some((state, normal));
+            return Some(Solved {
+                state,
+                normal,
+                has_settled: longest < 1e-9 || in_sigmas < SETTLED,
+            });
         }
     }
     None

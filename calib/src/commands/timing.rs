@@ -136,7 +136,7 @@ pub(crate) enum TimingCommandError {
 
 impl Explain for TimingCommandError {
     fn is_bad_input(&self) -> bool {
-        true
+        !matches!(self, Self::Timing(TimingError::NotConverged))
     }
 
     fn hint(&self) -> Option<&str> {
@@ -159,6 +159,7 @@ impl Explain for TimingCommandError {
                 TimingError::NoAgreement { .. } => {
                     "both must see the same light or marker; raise `--max-ms` if clocks may differ by more"
                 }
+                TimingError::NotConverged => "record longer, with more movement",
                 TimingError::NothingMoves { .. } => "move the marker to and fro across both pictures, irregularly",
                 TimingError::TooFewPictures { .. } => "record longer, with the marker in view of both cameras",
             },

@@ -124,6 +124,9 @@ pub enum TimingError {
         /// Share that fits.
         share: f64,
     },
+    /// The solve goes on for ever.
+    #[error("the solve for the offset does not converge")]
+    NotConverged,
     /// The marker stands still.
     #[error("the marker moves by `{spread_px:.1}` pixels in the pictures of `{camera}` (allowed: 5 or more)")]
     NothingMoves {

@@ -236,6 +236,7 @@ impl<'a> Problem<'a> {
             let step = covariance * gradient;
             offset_s -= step[0].clamp(-0.02, 0.02);
             drift -= step[1];
+            // Pictures at the brink of a gap come and go and may keep steps from becoming short.
             if (step[0].abs() < 1e-7 && step[1].abs() < 1e-8) || iteration + 1 == ITERATIONS {
                 let explained = 1.0 - square / self.variance;
                 if explained < MIN_EXPLAINED {
@@ -255,7 +256,7 @@ impl<'a> Problem<'a> {
                 return Ok((result, square));
             }
         }
-        Err(none)
+        Err(TimingError::NotConverged)
     }
 }
 

@@ -288,6 +288,41 @@ fn mirror(rgb: &mut Vec<u8>, width: usize) {
 }
 
 #[test]
+fn a_mirrored_grid_is_told_whatever_its_border() {
+    for sought in [1, 2] {
+        for shown in [1, 2] {
+            let mirrored = reason(&aprilgrid(shown), &aprilgrid(sought), mirror);
+            assert!(
+                matches!(mirrored, Reason::Mirrored { markers } if markers >= 2),
+                "{shown} {sought}: {mirrored}"
+            );
+        }
+    }
+}
+
+#[test]
+fn another_chessboard_is_told_by_its_size() {
+    let small = Board::Chessboard {
+        columns: 7,
+        rows: 5,
+        square_m: 0.025,
+    };
+    let other = reason(&chessboard(), &small, |_, _| {});
+    assert!(
+        matches!(
+            other,
+            Reason::OtherChessboard {
+                found_long: 9,
+                found_short: 6,
+                corners: 54,
+                ..
+            }
+        ),
+        "{other}"
+    );
+}
+
+#[test]
 fn wrong_boards_are_told_by_what_is_wrong() {
     let keep = |_: &mut Vec<u8>, _: usize| {};
     let grid = |new_columns: u32, new_rows: u32, new_first: u32| {
@@ -347,33 +382,6 @@ fn wrong_boards_are_told_by_what_is_wrong() {
     };
     assert_eq!(reason(&charuco(), &charuco_from(6, 3), keep), charuco_ids(3, 26));
     assert_eq!(reason(&charuco(), &charuco_from(4, 0), keep), charuco_ids(0, 15));
-    for sought in [1, 2] {
-        for shown in [1, 2] {
-            let mirrored = reason(&aprilgrid(shown), &aprilgrid(sought), mirror);
-            assert!(
-                matches!(mirrored, Reason::Mirrored { markers } if markers >= 2),
-                "{shown} {sought}: {mirrored}"
-            );
-        }
-    }
-    let small = Board::Chessboard {
-        columns: 7,
-        rows: 5,
-        square_m: 0.025,
-    };
-    let other = reason(&chessboard(), &small, keep);
-    assert!(
-        matches!(
-            other,
-            Reason::OtherChessboard {
-                found_long: 9,
-                found_short: 6,
-                corners: 54,
-                ..
-            }
-        ),
-        "{other}"
-    );
     assert_eq!(reason(&chessboard(), &shown, keep), Reason::Nothing);
     assert_eq!(reason(&shown, &charuco(), keep), Reason::Nothing);
 }

@@ -208,9 +208,9 @@ def opencv_fisheye(objects, images, size):
 def mrcal(camera, seen, folder):
     """mrcal knows boards with one spacing only, so it gets the lower-left corners of all markers, a quarter of all corners.
 
-    It is run with and without its search for outliers, and the better counts. Its start leaves single views in the wrong one of a
-    plane's two poses: without the search it then ends at several pixels, with it the views are taken for outliers whole, after
-    which the normal matrix is singular. Both is a failure.
+    It is run with and without its search for outliers, and the better counts. On some bowed boards the search throws out a large part
+    of the corners, after which the normal matrix is singular, and without it the rms ends at several pixels; perhaps views start in the
+    wrong one of a plane's two poses. Both is a failure.
     """
     program = shutil.which("mrcal-calibrate-cameras")
     lines = ["# filename x y level"]

@@ -14,7 +14,8 @@
 // The room without phantoms and without the strong lights.
 @group(0) @binding(6) var behind_radiance: texture_cube<f32>;
 @group(0) @binding(7) var linear_sampler: sampler;
-@group(0) @binding(8) var camera_depth: texture_depth_2d;
+// Places of the phantoms that the camera sees; w: 0 where there is none.
+@group(0) @binding(8) var real_places: texture_2d<f32>;
 // rgb radiance; a: distance to what is seen, metres.
 @group(0) @binding(9) var out: texture_storage_2d_array<rgba16float, write>;
 // The room without phantoms; a: number of the strong light that the texel shows, from 1, 0 for none.
@@ -31,17 +32,13 @@ const SUBSAMPLES: u32 = 4u;
 
 #import picture
 
+#import seen
+
 // Radiance of a real surface at a point: from the scene camera's picture where that sees the point, else from the probe.
 fn surface_radiance(point: vec3f) -> vec3f {
-    let in_camera = (camera.camera_from_world * vec4f(point, 1.0)).xyz;
-    if is_imaged(camera, in_camera) {
-        let pixel = pixel_of(camera, in_camera);
-        if is_inside(camera, pixel) {
-            let seen_m = depth_m(camera, textureLoad(camera_depth, vec2i(round(pixel)), 0));
-            if abs(seen_m - in_camera.z) < 0.004 + 0.01 * in_camera.z {
-                return sample_picture(camera, pixel).radiance;
-            }
-        }
+    let pixel = seen_at(point);
+    if pixel.x >= 0.0 {
+        return sample_picture(camera, pixel).radiance;
     }
     return textureSampleLevel(probe_radiance, linear_sampler, point - environment.probe_m.xyz, 0.0).rgb;
 }

@@ -1,4 +1,4 @@
-// Phantoms as the ratio by which virtual objects dim the light on them: irradiance with all objects over irradiance with
+// Phantoms as the ratio by which virtual objects change the light on them: irradiance with all objects over irradiance with
 // the real ones alone. CPU twin: src/reference/receive.rs.
 
 #import camera
@@ -7,25 +7,19 @@
 
 #import direct
 
-@group(0) @binding(6) var<uniform> frame: Frame;
+@group(0) @binding(8) var<uniform> frame: Frame;
+// Place and normal of the phantom that a pixel shows; place's w: 0 where there is none.
+@group(0) @binding(9) var places: texture_2d<f32>;
+@group(0) @binding(10) var normals: texture_2d<f32>;
+// Ratio, and 1 where there is a phantom.
+@group(0) @binding(11) var out: texture_storage_2d<rgba16float, write>;
 
-// A loss of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.
-const LEAST_LOSS: f32 = 0.002;
+// A change of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.
+const LEAST_CHANGE: f32 = 0.002;
+// No surface gets more than so many times the light that it had: its picture is mostly noise then.
+const MOST: f32 = 16.0;
 
-struct Corner {
-    @invariant @builtin(position) clip: vec4f,
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-}
-
-@vertex
-fn vertex(@location(0) position: vec3f, @location(1) object: u32, @location(2) normal: vec3f) -> Corner {
-    let world_from_object = objects[object].world_from_object;
-    let world = (world_from_object * vec4f(position, 1.0)).xyz;
-    return Corner(clip_of(camera, world), world, (world_from_object * vec4f(normal, 0.0)).xyz);
-}
-
-// Exactly 1 where no virtual object is in any light's way.
+// Exactly 1 where virtual objects change nothing.
 fn phantom_ratio(pixel: vec2u, point: vec3f, normal: vec3f) -> vec3f {
     let from_ball = distance(point, frame.ball_m.xyz);
     if abs(from_ball - frame.ball_m.w) < 0.02 * frame.ball_m.w {
@@ -33,13 +27,15 @@ fn phantom_ratio(pixel: vec2u, point: vec3f, normal: vec3f) -> vec3f {
         return vec3f(1.0);
     }
     let without = textureLoad(light_without, pixel, 0).rgb;
-    let lost = without - textureLoad(light_with, pixel, 0).rgb;
-    if all(lost <= LEAST_LOSS * without) {
+    let gained = textureLoad(light_with, pixel, 0).rgb - without
+        + textureLoad(light_lamps, pixel, 0).rgb
+        + textureLoad(light_near, pixel, 0).rgb;
+    if all(abs(gained) <= LEAST_CHANGE * without) {
         return vec3f(1.0);
     }
     let near = near_irradiance(nearest_environment(point), normal);
     let total = max(without + near, vec3f(1e-9));
-    return clamp(total - lost, vec3f(0.0), total) / total;
+    return clamp((total + gained) / total, vec3f(0.0), vec3f(MOST));
 }
 
 fn nearest_environment(point: vec3f) -> u32 {
@@ -52,8 +48,15 @@ fn nearest_environment(point: vec3f) -> u32 {
     return nearest;
 }
 
-// Ratio, and 1 where there is a phantom.
-@fragment
-fn fragment(corner: Corner) -> @location(0) vec4f {
-    return vec4f(phantom_ratio(vec2u(corner.clip.xy), corner.position, normalize(corner.normal)), 1.0);
+@compute @workgroup_size(8, 8, 1)
+fn main(@builtin(global_invocation_id) at: vec3u) {
+    if any(at.xy >= textureDimensions(places)) {
+        return;
+    }
+    let place = textureLoad(places, at.xy, 0);
+    var ratio = vec4f(0.0);
+    if place.w > 0.0 {
+        ratio = vec4f(phantom_ratio(at.xy, place.xyz, textureLoad(normals, at.xy, 0).xyz), 1.0);
+    }
+    textureStore(out, at.xy, ratio);
 }

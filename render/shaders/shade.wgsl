@@ -6,22 +6,23 @@
 #import sh
 
 #import direct
+#import material
 
-@group(0) @binding(6) var<storage, read> materials: array<Material>;
-@group(0) @binding(7) var specular: texture_cube_array<f32>;
-@group(0) @binding(8) var linear_sampler: sampler;
-@group(0) @binding(9) var base_colors: texture_2d_array<f32>;
-@group(0) @binding(10) var base_color_sampler: sampler;
-@group(0) @binding(11) var irradiance_cubes: texture_cube_array<f32>;
+@group(0) @binding(8) var<storage, read> materials: array<Material>;
+@group(0) @binding(9) var specular: texture_cube_array<f32>;
+@group(0) @binding(10) var linear_sampler: sampler;
+@group(0) @binding(11) var base_colors: texture_2d_array<f32>;
+@group(0) @binding(12) var base_color_sampler: sampler;
+@group(0) @binding(13) var irradiance_cubes: texture_cube_array<f32>;
 // Nine coefficients per environment, sixteen apart: all its light.
-@group(0) @binding(12) var<uniform> harmonics: array<vec4f, 256>;
+@group(0) @binding(14) var<uniform> harmonics: array<vec4f, 256>;
 // Two layers per environment: radiance, irradiance.
-@group(0) @binding(13) var sphere_maps: texture_2d_array<f32>;
+@group(0) @binding(15) var sphere_maps: texture_2d_array<f32>;
 
 // Place of the surface that the light from afar belongs to; w: 1 where there is one.
-@group(0) @binding(14) var light_places: texture_2d<f32>;
+@group(0) @binding(16) var light_places: texture_2d<f32>;
 // Its normal.
-@group(0) @binding(15) var light_normals: texture_2d<f32>;
+@group(0) @binding(17) var light_normals: texture_2d<f32>;
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
@@ -43,6 +44,9 @@ struct Corner {
     @location(2) uv: vec2f,
     @location(3) @interpolate(flat) object: u32,
     @location(4) @interpolate(flat) material: u32,
+    @location(5) uv1: vec2f,
+    @location(6) tangent: vec4f,
+    @location(7) color: vec4f,
 }
 
 @vertex
@@ -52,11 +56,15 @@ fn vertex(
     @location(2) normal: vec3f,
     @location(3) material: u32,
     @location(4) uv: vec2f,
+    @location(5) uv1: vec2f,
+    @location(6) tangent: vec4f,
+    @location(7) color: vec4f,
 ) -> Corner {
     let world_from_object = objects[object].world_from_object;
     let world = (world_from_object * vec4f(position, 1.0)).xyz;
     let direction = (world_from_object * vec4f(normal, 0.0)).xyz;
-    return Corner(clip_of(camera, world), world, direction, uv, object, material);
+    let along = (world_from_object * vec4f(tangent.xyz, 0.0)).xyz;
+    return Corner(clip_of(camera, world), world, direction, uv, object, material, uv1, vec4f(along, tangent.w), color);
 }
 
 // Direction in which environment `slot`, taken at its own place, shows what a ray from `point` meets. The cube's alpha
@@ -164,7 +172,6 @@ fn reflected_radiance(slot: u32, point: vec3f, mirrored: vec3f, roughness: f32) 
 }
 
 fn virtual_radiance(corner: Corner) -> vec3f {
-    let material = materials[corner.material];
     let slot = objects[corner.object].environment.x;
     let to_eye = normalize(camera.position_m.xyz - corner.position);
     var normal = normalize(corner.normal);
@@ -178,30 +185,24 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     let mirrored = reflect(-to_eye, normalize(corner.normal));
     let swept_rad = sqrt(length(dpdx(mirrored)) * length(dpdy(mirrored)));
     let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
-    var base_color = material.base_color.rgb;
-    let layer = i32(material.parameters.z) - 1;
-    if layer >= 0 {
-        base_color *= textureSampleLevel(base_colors, base_color_sampler, corner.uv, layer, 0.0).rgb;
-    }
-    let metallic = material.parameters.x;
-    let roughness = material.parameters.y;
-    let f0 = mix(material.dielectric.rgb, base_color, metallic);
-    let f90 = mix(material.dielectric.w, 1.0, metallic);
+    let made = substance_at(MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material));
+    normal = made.normal;
     var radiance = vec3f(0.0);
-    if metallic < 1.0 {
+    if made.metallic < 1.0 {
         let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
-            irradiance = near_irradiance(slot, normal) + textureLoad(light_with, pixel, 0).rgb;
+            irradiance = near_irradiance(slot, normal) + textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
         } else {
             irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
         }
-        radiance += (1.0 - metallic) * base_color * irradiance * 0.31830987;
+        irradiance += textureLoad(light_lamps, pixel, 0).rgb;
+        radiance += (1.0 - made.metallic) * made.base_color.rgb * irradiance * 0.31830987;
     }
-    if max(f0.r, max(f0.g, f0.b)) > 0.0 {
-        let split = environment_brdf(roughness, max(dot(normal, to_eye), 0.0));
-        let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(roughness, least_roughness));
-        radiance += prefiltered * (f0 * split.x + split.y * f90);
+    if max(made.f0.r, max(made.f0.g, made.f0.b)) > 0.0 {
+        let split = environment_brdf(made.roughness, max(dot(normal, to_eye), 0.0));
+        let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(made.roughness, least_roughness));
+        radiance += prefiltered * (made.f0 * split.x + split.y * made.f90);
     }
     return radiance;
 }

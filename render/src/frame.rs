@@ -34,7 +34,7 @@ impl RenderNode {
         stages_ms.push(("track", ms_since(started)));
 
         let begun = Instant::now();
-        self.pictures.scene.upload(&self.gpu, frame);
+        self.seen.picture.upload(&self.gpu, frame);
         self.measure_light(set, frame, pose.camera_from_world())?;
         stages_ms.push(("light", ms_since(begun)));
 
@@ -78,7 +78,8 @@ impl RenderNode {
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("light") });
         let (passes, timer) = (&mut self.passes, &mut self.timer);
-        passes.camera_depth.record(&mut encoder, timer, &self.scene);
+        let scene = &self.scene;
+        self.seen.phantoms.record(&mut encoder, timer, (scene, &scene.phantoms));
         passes.local_environment.record(&mut encoder, timer);
         timer.record(&mut encoder);
         self.gpu.queue.submit([encoder.finish()]);
@@ -88,7 +89,7 @@ impl RenderNode {
     fn upload(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) {
         let gpu = &self.gpu;
         let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
-        gpu.write(&self.pictures.camera, &[camera]);
+        gpu.write(&self.seen.camera, &[camera]);
         self.pictures.radiance.upload(gpu, &light.radiance, &light.strong);
         self.pictures.far.upload(gpu, &light.far, &light.strong);
         self.pictures.behind.upload(gpu, &light.behind, &light.strong);
@@ -100,33 +101,48 @@ impl RenderNode {
     /// Every pass of the picture, in order.
     fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
         self.upload(frame, camera_from_world, light);
+        let of_frame = self.gpu_frame();
         let gpu = &self.gpu;
-        self.passes.receive.write(gpu, &self.gpu_frame());
-        let mut encoder = gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        let encoder = |label| {
+            gpu.device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
+        };
         let (passes, timer, scene) = (&mut self.passes, &mut self.timer, &self.scene);
+
+        // Surfaces go first, by themselves: some shadow methods submit work of their own that reads them.
+        let mut surfaces = encoder("surfaces");
+        self.seen
+            .phantoms
+            .record(&mut surfaces, timer, (scene, &scene.phantoms));
+        for eye in &self.eyes {
+            eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
+            eye.receive.write(gpu, &of_frame);
+        }
+        gpu.queue.submit([surfaces.finish()]);
+
+        let mut encoder = encoder("frame");
         let shadow_frame = ShadowFrame {
             scene,
             light,
             probe_m: self.probe.optics().position_m(),
-            camera_from_world,
+            is_moved: false,
         };
-        self.shadows.record(gpu, &mut encoder, timer, &shadow_frame)?;
-        passes.camera_depth.record(&mut encoder, timer, scene);
+        self.shadows.record(gpu, &mut encoder, timer, &shadow_frame);
         passes.local_environment.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
-        passes
-            .receive
-            .record(&mut encoder, timer, scene, passes.camera_depth.single());
-        passes
-            .shade
-            .record(&mut encoder, timer, scene, passes.camera_depth.multisampled());
-        passes.composite.record(&mut encoder, timer);
+        for eye in &mut self.eyes {
+            let job = (&mut eye.shadows, &shadow_frame, camera_from_world);
+            self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
+            eye.receive.record(&mut encoder, timer);
+            eye.real.record(&mut encoder, timer);
+            eye.depth.record(&mut encoder, timer, scene);
+            eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
+            eye.composite.record(&mut encoder, timer);
+        }
         timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
-        passes.composite.read(gpu)
+        self.eyes[0].composite.read(gpu)
     }
 
     pub(crate) fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {

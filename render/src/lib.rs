@@ -24,11 +24,13 @@
 
 pub mod app;
 pub mod ball_place;
+pub mod camera_view;
 pub mod cli;
 pub mod config;
 pub mod environment_in;
 pub mod environments;
 pub mod error;
+pub mod eye;
 pub mod frame;
 pub mod gpu;
 pub mod lab;
@@ -42,6 +44,7 @@ pub mod probe;
 pub mod reference;
 pub mod scene;
 pub mod scene_gpu;
+pub mod scene_rays;
 pub mod scene_shadows;
 pub mod shadow;
 pub mod tracker;

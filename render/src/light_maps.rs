@@ -18,7 +18,7 @@ use crate::passes::sphere_map::SphereMap;
 #[derive(Debug)]
 pub struct LightMaps {
     downsample: Downsample,
-    harmonics: Option<Harmonics>,
+    harmonics: Harmonics,
     diffuse: Diffuse,
     specular: Specular,
     sphere_map: Option<SphereMap>,
@@ -73,19 +73,9 @@ impl LightMaps {
                 Specular::Highlight(highlight, downsample, PrefilterPhong::new(gpu, environments, &glossy))
             }
         };
-        // Light from lights needs no map, so only what reflects has one.
-        let mapped = match config.diffuse {
-            DiffuseMethod::Lights => &glossy,
-            DiffuseMethod::CosineCube
-            | DiffuseMethod::Sh9
-            | DiffuseMethod::SeparableBlur
-            | DiffuseMethod::Cylindrical
-            | DiffuseMethod::SphereMap => &all,
-        };
-        let needs_harmonics = config.diffuse == DiffuseMethod::Sh9 || config.specular == SpecularMethod::Highlight;
         Self {
-            downsample: Downsample::new(gpu, environments, (&environments.radiance, mapped)),
-            harmonics: needs_harmonics.then(|| Harmonics::new(gpu, environments, mapped)),
+            downsample: Downsample::new(gpu, environments, (&environments.radiance, &all)),
+            harmonics: Harmonics::new(gpu, environments, &all),
             diffuse,
             specular,
             sphere_map: has_sphere_map.then(|| SphereMap::new(gpu, environments, &all, (camera, sampler))),
@@ -95,9 +85,7 @@ impl LightMaps {
     /// Makes all maps of the environments' first mips.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer, environments: &Environments) {
         self.downsample.record(encoder, timer);
-        if let Some(harmonics) = &self.harmonics {
-            harmonics.record(encoder, timer);
-        }
+        self.harmonics.record(encoder, timer);
         match &self.diffuse {
             Diffuse::Nothing => {}
             Diffuse::Cosine(pass) => pass.record(encoder, timer),

@@ -234,7 +234,7 @@ impl RenderNode {
                 picture.upload(&self.gpu, view.frame);
                 &*picture
             }
-            None => &self.pictures.scene,
+            None => &self.seen.picture,
         };
         let mut texels = self
             .passes

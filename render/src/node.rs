@@ -1,32 +1,30 @@
 //! The render node: everything that lasts from frame to frame.
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use mirrorball_calib::rig::check::RigCheck;
 use mirrorball_calib::rig::{Camera, Rig, Role};
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::ball_place::BallPlace;
+use crate::camera_view::CameraView;
 use crate::config::RenderConfig;
 use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
+use crate::eye::{Eye, EyeInputs};
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
-use crate::gpu::types::{GpuCamera, GpuStrong};
+use crate::gpu::types::GpuStrong;
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
-use crate::passes::camera_depth::CameraDepth;
-use crate::passes::composite::Composite;
-use crate::passes::direct;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
-use crate::passes::receive::Receive;
-use crate::passes::shade::{self, Shade, ShadeTarget};
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
 use crate::scene::{Kind, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
+use crate::scene_rays::SceneRays;
 use crate::scene_shadows::SceneShadows;
 use crate::shadow::ShadowMethod;
 use crate::tracker::{TrackedPose, Tracker};
@@ -122,7 +120,14 @@ pub struct RenderNode {
     pub(crate) shadows: SceneShadows,
     pub(crate) pictures: Pictures,
     pub(crate) passes: Passes,
+    /// What the scene camera sees.
+    pub(crate) seen: CameraView,
+    /// The pictures that are made.
+    pub(crate) eyes: Vec<Eye>,
     pub(crate) scene: SceneBuffers,
+    pub(crate) rays: SceneRays,
+    /// Where the objects stand, world from object, in the order of the scene.
+    pub(crate) placements: Vec<Affine3A>,
     pub(crate) environments: Environments,
 }
 
@@ -135,30 +140,24 @@ pub(crate) struct MeasuredFrame {
     pub(crate) with_pose: bool,
 }
 
-/// Pictures of the cameras and light cubes on the GPU.
+/// Pictures of the fixed cameras and light cubes on the GPU.
 #[derive(Debug)]
 pub(crate) struct Pictures {
-    pub(crate) scene: PictureBuffers,
     /// Of every camera of the rig that stands still.
     pub(crate) probes: Vec<Option<PictureBuffers>>,
-    pub(crate) camera: wgpu::Buffer,
     pub(crate) radiance: CubeTexture,
     pub(crate) far: CubeTexture,
     pub(crate) behind: CubeTexture,
     pub(crate) strong: wgpu::Buffer,
 }
 
-/// The passes of a frame, in their order.
+/// The passes that all eyes share, in their order.
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) radiance_map: RadianceMap,
-    pub(crate) camera_depth: CameraDepth,
     pub(crate) local_environment: LocalEnvironment,
     pub(crate) light_maps: LightMaps,
     pub(crate) irradiance: Irradiance,
-    pub(crate) receive: Receive,
-    pub(crate) shade: Shade,
-    pub(crate) composite: Composite,
 }
 
 impl RenderNode {
@@ -172,32 +171,36 @@ impl RenderNode {
         let occluders = phantoms(scene, &rig);
         let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
         let buffers = SceneBuffers::new(&gpu, scene, &rig)?;
+        let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(&rig)).collect();
+        let rays = SceneRays::new(&gpu, &buffers, &placements)?;
         let environments = Environments::new(&gpu, scene, &rig, &occluders);
-        let camera = rig.scene_camera();
+        let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
         let cube_size = config.probe.cube_size;
         let pictures = Pictures {
-            scene: PictureBuffers::new(&gpu, camera),
             probes: rig
                 .cameras
                 .iter()
                 .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(&gpu, camera)))
                 .collect(),
-            camera: gpu.buffer("scene camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
             radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
             far: CubeTexture::new(&gpu, "light: room", cube_size),
             behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
             strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
         };
-        let of_scene = (scene, &buffers);
-        let shadows = SceneShadows::new(&gpu, of_scene, (&rig, &pictures.camera), config.shadow)?;
-        let inputs = PassInputs {
-            scene: &buffers,
-            environments: &environments,
-            pictures: &pictures,
-            probe: &probe,
-            shadows: &shadows,
-        };
-        let passes = Passes::new(&gpu, &config, camera, inputs);
+        let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
+        let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
+        let eye = Eye::new(
+            &gpu,
+            EyeInputs {
+                view: &seen,
+                scene: &buffers,
+                rays: &rays,
+                environments: &environments,
+                probe_radiance: &pictures.radiance.view,
+                shadows: &shadows,
+                light: config.light,
+            },
+        )?;
         Ok(Self {
             tracker: Tracker::new(&rig),
             timer: Timer::new(&gpu),
@@ -223,7 +226,11 @@ impl RenderNode {
             shadows,
             pictures,
             passes,
+            seen,
+            eyes: vec![eye],
             scene: buffers,
+            rays,
+            placements,
             environments,
         })
     }
@@ -254,7 +261,19 @@ impl RenderNode {
     /// # Errors
     /// [`RenderError::Shadow`] or [`RenderError::TooLarge`] where the method cannot take this scene on this adapter.
     pub fn set_shadow_method(&mut self, method: ShadowMethod) -> Result<(), RenderError> {
-        self.shadows.set_method(&self.gpu, &self.scene, method)
+        let before = self.shadows.method();
+        self.shadows.set_method(&self.gpu, &self.scene, method)?;
+        let mut renew = |shadows: &SceneShadows| {
+            self.eyes
+                .iter_mut()
+                .try_for_each(|eye| eye.renew_shadows(&self.gpu, (&self.seen, &self.scene), shadows))
+        };
+        if let Err(error) = renew(&self.shadows) {
+            self.shadows.set_method(&self.gpu, &self.scene, before)?;
+            renew(&self.shadows)?;
+            return Err(error);
+        }
+        Ok(())
     }
 
     /// Name of the graphics adapter.
@@ -384,36 +403,22 @@ pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderErr
     })
 }
 
-/// What the passes are bound to.
-#[derive(Clone, Copy)]
-struct PassInputs<'a> {
-    scene: &'a SceneBuffers,
-    environments: &'a Environments,
-    pictures: &'a Pictures,
-    probe: &'a LightProbe,
-    shadows: &'a SceneShadows,
-}
-
 impl Passes {
-    fn new(gpu: &Gpu, config: &RenderConfig, camera: &Camera, inputs: PassInputs<'_>) -> Self {
-        let PassInputs {
-            scene,
-            environments,
-            pictures,
-            probe,
-            shadows,
-        } = inputs;
-        let size_px = camera.intrinsics.size_px;
-        let camera_depth = CameraDepth::new(gpu, &pictures.camera, scene, (size_px, shade::SAMPLES));
+    fn new(
+        gpu: &Gpu,
+        config: &RenderConfig,
+        (environments, pictures): (&Environments, &Pictures),
+        (seen, probe): (&CameraView, &LightProbe),
+    ) -> Self {
         let sampler = gpu.linear_sampler();
         let local_environment = LocalEnvironment::new(
             gpu,
             environments,
             local_environment::Inputs {
-                camera: &pictures.camera,
-                response: &pictures.scene.response,
-                picture: &pictures.scene.view,
-                camera_depth: camera_depth.single(),
+                camera: &seen.camera,
+                response: &seen.picture.response,
+                picture: &seen.picture.view,
+                camera_places: seen.phantoms.views().place,
                 probe_radiance: &pictures.radiance.view,
                 far_faces: &pictures.far.faces,
                 behind_radiance: &pictures.behind.view,
@@ -421,27 +426,11 @@ impl Passes {
                 sampler: &sampler,
             },
         );
-        let inputs = |light| direct::Inputs {
-            camera: &pictures.camera,
-            scene,
-            environments,
-            light,
-        };
-        let receive = Receive::new(gpu, inputs(shadows.on_phantoms()), size_px);
-        let target = ShadeTarget {
-            size_px,
-            light: config.light,
-        };
-        let shade = Shade::new(gpu, inputs(shadows.on_virtuals()), (&sampler, target));
         Self {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
-            light_maps: LightMaps::new(gpu, environments, &config.light, (&pictures.camera, &sampler)),
+            light_maps: LightMaps::new(gpu, environments, &config.light, (&seen.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
-            composite: Composite::new(gpu, &pictures.camera, &pictures.scene, (&shade, &receive), size_px),
-            camera_depth,
             local_environment,
-            receive,
-            shade,
         }
     }
 }

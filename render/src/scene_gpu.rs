@@ -30,10 +30,25 @@ pub struct SceneBuffers {
     pub materials: wgpu::Buffer,
     /// Base colour pictures, one layer each.
     pub base_colors: wgpu::TextureView,
+    /// The vertices in memory.
+    kept: Vec<Vertex>,
     /// Indices of every object's triangles.
     of_object: Vec<Vec<u32>>,
     /// Environment slot of every object, and 1 for a virtual one.
     slots: Vec<[u32; 2]>,
+}
+
+/// An object's triangles in memory.
+#[derive(Debug, Clone, Copy)]
+pub struct ObjectTriangles<'a> {
+    /// Vertices of all objects, each in its object's frame.
+    pub vertices: &'a [Vertex],
+    /// The object's triangles, three indices each.
+    pub indices: &'a [u32],
+    /// Virtual or phantom.
+    pub kind: Kind,
+    /// Slot of its environment.
+    pub slot: u32,
 }
 
 /// Indices of some triangles.
@@ -115,7 +130,8 @@ impl SceneBuffers {
             u64::from(limits.max_texture_array_layers),
         )?;
         Ok(Self {
-            vertices: gpu.buffer("scene: vertices", &or_one(vertices)),
+            vertices: gpu.buffer("scene: vertices", &or_one(vertices.clone())),
+            kept: vertices,
             phantoms: IndexRange::new(gpu, "scene: phantom triangles", &phantoms),
             virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
             of_object,
@@ -136,6 +152,21 @@ impl SceneBuffers {
             .flat_map(|&i| self.of_object[i].iter().copied())
             .collect();
         IndexRange::new(gpu, label, &indices)
+    }
+
+    /// Every object's triangles, as rays take them.
+    #[must_use]
+    pub fn objects_of_rays(&self) -> Vec<ObjectTriangles<'_>> {
+        self.of_object
+            .iter()
+            .zip(&self.slots)
+            .map(|(indices, &[slot, is_virtual])| ObjectTriangles {
+                vertices: &self.kept,
+                indices,
+                kind: if is_virtual == 1 { Kind::Virtual } else { Kind::Phantom },
+                slot,
+            })
+            .collect()
     }
 
     /// Moves the objects: one placement per object, world from object.

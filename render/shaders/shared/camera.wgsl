@@ -93,13 +93,6 @@ fn clip_of(camera: Camera, point_world: vec3f) -> vec4f {
     return vec4f(ndc_times_z.x, -ndc_times_z.y, depth, point.z);
 }
 
-// Distance along z in metres of a value in the depth buffer.
-fn depth_m(camera: Camera, depth: f32) -> f32 {
-    let near = camera.vignetting_and_depth.z;
-    let far = camera.vignetting_and_depth.w;
-    return near * far / (far - depth * (far - near));
-}
-
 // Relative illumination at a pixel: V = 1 + v1 r² + v2 r⁴, r over half the picture's diagonal.
 fn vignetting(camera: Camera, pixel: vec2f) -> f32 {
     let size = camera.limits.zw;

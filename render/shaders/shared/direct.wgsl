@@ -1,4 +1,4 @@
-// Light from afar past all shadows, and light from near things: bindings 0 to 5 of group 0 (src/passes/direct.rs).
+// Light from afar past all shadows, and light from near things: bindings 0 to 7 of group 0 (src/passes/direct.rs).
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> objects: array<Object>;
@@ -8,6 +8,10 @@
 // Irradiance from afar past the real things alone, and past all objects.
 @group(0) @binding(4) var light_without: texture_2d<f32>;
 @group(0) @binding(5) var light_with: texture_2d<f32>;
+// Irradiance of virtual lamps, past all objects.
+@group(0) @binding(6) var light_lamps: texture_2d<f32>;
+// Irradiance from near things: all of it on virtual objects, what virtual objects change of it on phantoms.
+@group(0) @binding(7) var light_near: texture_2d<f32>;
 
 // Irradiance from real things near environment `slot`.
 fn near_irradiance(slot: u32, normal: vec3f) -> vec3f {

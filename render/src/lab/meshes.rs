@@ -273,7 +273,7 @@ pub fn mesh(parts: &[Solid]) -> Mesh {
                         object: 0,
                         normal: normal.to_array(),
                         material,
-                        uv: [0.0; 2],
+                        ..Vertex::PLAIN
                     });
                     mesh.vertices.len() as u32 - 1
                 });
@@ -288,13 +288,7 @@ pub fn mesh(parts: &[Solid]) -> Mesh {
 fn matt(base_color: [f32; 3]) -> Material {
     Material {
         base_color,
-        base_color_texture: None,
-        metallic: 0.0,
-        roughness: 1.0,
-        dielectric_f0: [0.0; 3],
-        dielectric_f90: 0.0,
-        transmission: 0.0,
-        ior: 1.5,
+        ..Material::default()
     }
 }
 

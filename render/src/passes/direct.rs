@@ -1,9 +1,12 @@
 //! What the passes share that put light from afar, past all shadows, together with light from near things.
 
 use crate::environments::Environments;
+use crate::gpu::Gpu;
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::scene_gpu::SceneBuffers;
+use crate::shadow::surface::SurfaceViews;
 
-/// What bindings 0 to 5 of `receive` and `shade` need.
+/// What bindings 0 to 7 of `receive` and `shade` need.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// The scene camera, uniform.
@@ -23,13 +26,37 @@ pub struct ShadowedLight {
     pub without: wgpu::TextureView,
     /// Past all objects.
     pub with_virtual: wgpu::TextureView,
+    /// Irradiance of virtual lamps, past all objects.
+    pub lamps: wgpu::TextureView,
+    /// On phantoms: irradiance from near things that virtual objects add or, negative, take away. On virtual objects:
+    /// irradiance from near things.
+    pub near: wgpu::TextureView,
     /// xyz: place of the surface it belongs to, world, metres; w: 1 where there is one.
     pub place: wgpu::TextureView,
     /// xyz: its unit normal, world.
     pub normal: wgpu::TextureView,
 }
 
-/// Bindings 0 to 5, in order.
+impl ShadowedLight {
+    /// Room for the light on the surface that `views` shows.
+    #[must_use]
+    pub fn new(gpu: &Gpu, views: SurfaceViews<'_>) -> Self {
+        let target = |label| {
+            let texture = gpu.target(label, TextureShape::plain(views.size_px), RADIANCE_FORMAT);
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        Self {
+            without: target("light past real things"),
+            with_virtual: target("light past all things"),
+            lamps: target("light of virtual lamps"),
+            near: target("light from near things"),
+            place: views.place.clone(),
+            normal: views.normal.clone(),
+        }
+    }
+}
+
+/// Bindings 0 to 7, in order.
 #[must_use]
 pub fn resources(inputs: Inputs<'_>) -> Vec<wgpu::BindingResource<'_>> {
     vec![
@@ -39,5 +66,7 @@ pub fn resources(inputs: Inputs<'_>) -> Vec<wgpu::BindingResource<'_>> {
         inputs.environments.near_sh.as_entire_binding(),
         wgpu::BindingResource::TextureView(&inputs.light.without),
         wgpu::BindingResource::TextureView(&inputs.light.with_virtual),
+        wgpu::BindingResource::TextureView(&inputs.light.lamps),
+        wgpu::BindingResource::TextureView(&inputs.light.near),
     ]
 }

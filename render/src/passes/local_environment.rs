@@ -15,8 +15,8 @@ pub struct Inputs<'a> {
     pub response: &'a wgpu::Buffer,
     /// Its picture.
     pub picture: &'a wgpu::TextureView,
-    /// Its view of the phantoms' depth.
-    pub camera_depth: &'a wgpu::TextureView,
+    /// Places of the phantoms that it sees.
+    pub camera_places: &'a wgpu::TextureView,
     /// Radiance at the probe.
     pub probe_radiance: &'a wgpu::TextureView,
     /// The room without phantoms, faces as layers; alpha: number of the strong light, from 1.
@@ -59,7 +59,7 @@ impl LocalEnvironment {
                         wgpu::BindingResource::TextureView(inputs.probe_radiance),
                         wgpu::BindingResource::TextureView(inputs.behind_radiance),
                         wgpu::BindingResource::Sampler(inputs.sampler),
-                        wgpu::BindingResource::TextureView(inputs.camera_depth),
+                        wgpu::BindingResource::TextureView(inputs.camera_places),
                         wgpu::BindingResource::TextureView(&out),
                         wgpu::BindingResource::TextureView(inputs.far_faces),
                         inputs.strong.as_entire_binding(),

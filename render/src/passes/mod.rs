@@ -15,6 +15,7 @@ pub mod local_environment;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod radiance_map;
+pub mod real_radiance;
 pub mod receive;
 pub mod separable_blur;
 pub mod shade;

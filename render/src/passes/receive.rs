@@ -1,42 +1,59 @@
-//! Phantoms receive the shadows of virtual objects: a ratio per pixel.
+//! Phantoms receive the shadows and the light of virtual objects: a ratio per pixel.
 
 use super::direct::{self, Inputs};
+use super::groups;
 use crate::gpu::Gpu;
-use crate::gpu::pass::{RADIANCE_FORMAT, RasterState, TextureShape};
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
 use crate::gpu::types::GpuFrame;
-use crate::scene_gpu::SceneBuffers;
 
 /// The pass with its target.
 #[derive(Debug)]
 pub struct Receive {
-    pipeline: wgpu::RenderPipeline,
+    pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
     frame: wgpu::Buffer,
     target: wgpu::TextureView,
+    size_px: [u32; 2],
 }
 
 impl Receive {
     /// A pass for pictures of `size_px`.
     #[must_use]
     pub fn new(gpu: &Gpu, inputs: Inputs<'_>, size_px: [u32; 2]) -> Self {
-        let state = RasterState {
-            targets: &[RADIANCE_FORMAT],
-            samples: 1,
-            bias: wgpu::DepthBiasState::default(),
-            cull: None,
-        };
-        let pipeline = gpu.render_pipeline("receive", &state);
+        let pipeline = gpu.compute_pipeline("receive");
         let frame = gpu.buffer("receive: frame", &[<GpuFrame as bytemuck::Zeroable>::zeroed()]);
-        let mut resources = direct::resources(inputs);
-        resources.push(frame.as_entire_binding());
-        let bindings = gpu.bind("receive", &pipeline.get_bind_group_layout(0), &resources);
-        let target = gpu.texture("receive: ratio", TextureShape::plain(size_px), RADIANCE_FORMAT);
+        let target = gpu
+            .texture("receive: ratio", TextureShape::plain(size_px), RADIANCE_FORMAT)
+            .create_view(&wgpu::TextureViewDescriptor::default());
+        // The camera and the objects' placements are of no use here, and the shader leaves them out.
+        let resources = direct::resources(inputs);
+        let mut entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
+            .zip(resources)
+            .skip(2)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        entries.extend(
+            (8..)
+                .zip([
+                    frame.as_entire_binding(),
+                    wgpu::BindingResource::TextureView(&inputs.light.place),
+                    wgpu::BindingResource::TextureView(&inputs.light.normal),
+                    wgpu::BindingResource::TextureView(&target),
+                ])
+                .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }),
+        );
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("receive"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
         Self {
             pipeline,
             bindings,
             frame,
-            target: target.create_view(&wgpu::TextureViewDescriptor::default()),
+            target,
+            size_px,
         }
     }
 
@@ -51,39 +68,15 @@ impl Receive {
         &self.target
     }
 
-    /// Draws the phantoms that `depth`, already filled, leaves in sight.
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        scene: &SceneBuffers,
-        depth: &wgpu::TextureView,
-    ) {
+    /// Computes the ratios from the light on the phantoms.
+    pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
         let span = timer.span("receive");
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("receive"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &self.target,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: depth,
-                depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Load,
-                    store: wgpu::StoreOp::Store,
-                }),
-                stencil_ops: None,
-            }),
-            timestamp_writes: span.render(Ends::Both),
-            ..wgpu::RenderPassDescriptor::default()
+            timestamp_writes: span.compute(Ends::Both),
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
-        scene.phantoms.draw(&mut pass, &scene.vertices);
+        pass.dispatch_workgroups(groups(self.size_px[0]), groups(self.size_px[1]), 1);
     }
 }

@@ -15,6 +15,7 @@ pub mod irradiance_cube;
 pub mod lobe_sum;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
+pub mod real_radiance;
 pub mod receive;
 pub mod separable_blur;
 pub mod shadow_rays;

@@ -20,8 +20,28 @@ pub struct Vertex {
     pub normal: [f32; 3],
     /// Index of the material.
     pub material: u32,
-    /// Texture coordinate of the base colour.
+    /// First set of texture coordinates.
     pub uv: [f32; 2],
+    /// Second set.
+    pub uv1: [f32; 2],
+    /// Unit tangent along the first set's u in the object's frame; w: 1 or -1, the bitangent's sense (glTF 2.0, 3.7.2.1).
+    pub tangent: [f32; 4],
+    /// Linear colour and opacity that the base colour is multiplied with.
+    pub color: [f32; 4],
+}
+
+impl Vertex {
+    /// A corner at the origin that faces up, white and without texture: the rest of one that is made by hand.
+    pub const PLAIN: Self = Self {
+        position: [0.0; 3],
+        object: 0,
+        normal: [0.0, 0.0, 1.0],
+        material: 0,
+        uv: [0.0; 2],
+        uv1: [0.0; 2],
+        tangent: [1.0, 0.0, 0.0, 1.0],
+        color: [1.0; 4],
+    };
 }
 
 /// A picture of base colours, sRGB-encoded RGBA, rows from the top.
@@ -54,6 +74,22 @@ pub struct Material {
     pub transmission: f32,
     /// Index of refraction, 1 or more.
     pub ior: f32,
+}
+
+impl Default for Material {
+    /// White, matt and opaque, without any gloss.
+    fn default() -> Self {
+        Self {
+            base_color: [1.0; 3],
+            base_color_texture: None,
+            metallic: 0.0,
+            roughness: 1.0,
+            dielectric_f0: [0.0; 3],
+            dielectric_f90: 0.0,
+            transmission: 0.0,
+            ior: 1.5,
+        }
+    }
 }
 
 /// Triangles of an object.
@@ -207,6 +243,9 @@ fn read_primitive(
             normal: (normal_matrix * *normal).try_normalize().unwrap_or(Vec3::Z).to_array(),
             material,
             uv: uvs.get(i).copied().unwrap_or_default(),
+            uv1: [0.0; 2],
+            tangent: [1.0, 0.0, 0.0, 1.0],
+            color: [1.0; 4],
         });
     }
     mesh.indices

@@ -75,6 +75,8 @@ fn pieces([a, b, c]: [u32; 3], middles: [Option<u32>; 3]) -> Vec<u32> {
 
 fn between(a: &Vertex, b: &Vertex) -> Vertex {
     let middle = |a: [f32; 3], b: [f32; 3]| 0.5 * (Vec3::from(a) + Vec3::from(b));
+    let along = |v: &Vertex| Vec3::from_slice(&v.tangent[..3]);
+    let tangent = (along(a) + along(b)).try_normalize().unwrap_or(along(a));
     Vertex {
         position: middle(a.position, b.position).to_array(),
         object: a.object,
@@ -83,8 +85,15 @@ fn between(a: &Vertex, b: &Vertex) -> Vertex {
             .unwrap_or(Vec3::from(a.normal))
             .to_array(),
         material: a.material,
-        uv: [0.5 * (a.uv[0] + b.uv[0]), 0.5 * (a.uv[1] + b.uv[1])],
+        uv: mean(a.uv, b.uv),
+        uv1: mean(a.uv1, b.uv1),
+        tangent: [tangent.x, tangent.y, tangent.z, a.tangent[3]],
+        color: mean(a.color, b.color),
     }
+}
+
+fn mean<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    std::array::from_fn(|i| 0.5 * (a[i] + b[i]))
 }
 
 #[cfg(test)]
@@ -98,7 +107,7 @@ mod tests {
             object: 0,
             normal: [0.0, 0.0, 1.0],
             material: 0,
-            uv: [0.0; 2],
+            ..Vertex::PLAIN
         };
         Mesh {
             vertices: corners.map(vertex).to_vec(),

@@ -8,7 +8,7 @@ use mirrorball_calib::probe::radiance::luminance;
 use mirrorball_calib::rig::Camera;
 
 use super::dome::{FARTHEST_LIGHT_M, dome_light};
-use super::{ShadowFrame, Surfaces, Things};
+use super::{EyeSurfaces, ShadowFrame, Things};
 use crate::config::ShadowConfig;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
@@ -145,7 +145,7 @@ impl KeyShadows {
     pub(super) fn new(
         gpu: &Gpu,
         (buffers, camera): (&SceneBuffers, &Camera),
-        surfaces: Surfaces<'_>,
+        surfaces: EyeSurfaces<'_>,
         config: &ShadowConfig,
     ) -> Result<Self, RenderError> {
         let size_px = surfaces.surfaces[0].views().size_px;
@@ -211,7 +211,7 @@ impl KeyShadows {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
-        (frame, things): (&ShadowFrame<'_>, &Things),
+        (frame, things, camera_from_world): (&ShadowFrame<'_>, &Things, &Pose),
     ) -> Result<(), RenderError> {
         let KeyGroup { light, rest } = strongest(&frame.light.lights, frame.probe_m);
         let light = light.as_rect();
@@ -238,7 +238,7 @@ impl KeyShadows {
                 bright: NONE_BRIGHT,
             }],
         );
-        let view = pinhole(&self.camera, frame.camera_from_world, self.size_px);
+        let view = pinhole(&self.camera, camera_from_world, self.size_px);
         let receivers: [&Casters; 2] = [&things.phantoms, &things.virtuals];
         for (side, receivers) in self.sides.iter_mut().zip(receivers) {
             side.surface.set_view(gpu, &view);

@@ -14,7 +14,6 @@ use mirrorball_calib::rig::{Camera, Rig};
 use crate::config::ShadowConfig;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
 use crate::passes::direct::ShadowedLight;
 use crate::passes::lens_surface::LensSurface;
@@ -24,7 +23,7 @@ use crate::scene_gpu::SceneBuffers;
 use crate::shadow::casters::Casters;
 use crate::shadow::shadow_view::{Sphere, enclosing};
 use crate::shadow::{Family, ShadowMethod};
-use dome::DomeShadows;
+use dome::{DomeShadows, SharedMaps};
 use key::KeyShadows;
 use path::PathShadows;
 
@@ -56,19 +55,19 @@ impl Bounds {
     }
 }
 
-/// The shadows of one scene in one camera's pictures.
+/// What the shadows of one scene share, whoever looks at them.
 #[derive(Debug)]
 pub struct SceneShadows {
-    method: ShadowMethod,
     config: ShadowConfig,
     things: Things,
     bounds: Bounds,
-    phantoms: LensSurface,
-    virtuals: LensSurface,
-    light_on: [ShadowedLight; 2],
-    passes: Passes,
-    camera: Camera,
+    /// For dome methods.
+    maps: Option<SharedMaps>,
 }
+
+/// The shadows in one eye's pictures.
+#[derive(Debug)]
+pub struct EyeShadows(Passes);
 
 #[derive(Debug)]
 enum Passes {
@@ -86,19 +85,28 @@ pub struct ShadowFrame<'a> {
     pub light: &'a Light,
     /// Where it was measured, world, metres.
     pub probe_m: Vec3,
-    /// The camera's pose.
-    pub camera_from_world: &'a Pose,
+    /// Whether objects have moved since the last frame.
+    pub is_moved: bool,
+}
+
+/// The two surfaces that an eye sees, with what is to be filled for each: phantoms, virtual objects.
+#[derive(Debug, Clone, Copy)]
+pub struct EyeSurfaces<'a> {
+    /// Their places and normals.
+    pub surfaces: [&'a LensSurface; 2],
+    /// The light on them.
+    pub targets: &'a [ShadowedLight; 2],
 }
 
 impl SceneShadows {
-    /// Shadows in pictures of the rig's scene camera, whose description is in the uniform buffer `camera`.
+    /// Shadows of a scene.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] or [`RenderError::Shadow`] where the adapter or the method cannot take the scene.
     pub fn new(
         gpu: &Gpu,
         (scene, buffers): (&Scene, &SceneBuffers),
-        (rig, camera): (&Rig, &wgpu::Buffer),
+        rig: &Rig,
         config: ShadowConfig,
     ) -> Result<Self, RenderError> {
         let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(rig)).collect();
@@ -110,150 +118,125 @@ impl SceneShadows {
             virtuals: casters(&|kind| kind == Kind::Virtual),
             everything: casters(&|_| true),
         };
-        let bounds = Bounds {
-            virtuals: things.virtuals.bounds(),
-            everything: enclosing(&[things.virtuals.bounds(), things.everything.bounds()])
-                .unwrap_or(things.virtuals.bounds()),
-        };
-        let size_px = rig.scene_camera().intrinsics.size_px;
-        let surface = |label| LensSurface::new(gpu, label, (camera, buffers), size_px);
-        let (phantoms, virtuals) = (
-            surface("lens_surface: phantoms"),
-            surface("lens_surface: virtual objects"),
-        );
-        let light_on = [&phantoms, &virtuals].map(|surface| {
-            let target = |label| {
-                let texture = gpu.target(label, TextureShape::plain(size_px), RADIANCE_FORMAT);
-                texture.create_view(&wgpu::TextureViewDescriptor::default())
-            };
-            ShadowedLight {
-                without: target("light past real things"),
-                with_virtual: target("light past all things"),
-                place: surface.views().place.clone(),
-                normal: surface.views().normal.clone(),
-            }
-        });
-        let surfaces = Surfaces {
-            surfaces: [&phantoms, &virtuals],
-            targets: &light_on,
-        };
-        let passes = Passes::new(
-            gpu,
-            (&things, &bounds, buffers),
-            (surfaces, rig.scene_camera()),
-            &config,
-        )?;
+        let bounds = things.bounds();
+        let maps = shared_maps(gpu, (&things, &bounds, buffers), &config)?;
         Ok(Self {
-            method: config.method,
-            passes,
             config,
             things,
             bounds,
-            phantoms,
-            virtuals,
-            light_on,
-            camera: rig.scene_camera().clone(),
+            maps,
         })
+    }
+
+    /// The shadows in the pictures of an eye: `camera`'s.
+    ///
+    /// # Errors
+    /// As [`SceneShadows::new`].
+    pub fn eye(
+        &self,
+        gpu: &Gpu,
+        (buffers, camera): (&SceneBuffers, &Camera),
+        surfaces: EyeSurfaces<'_>,
+    ) -> Result<EyeShadows, RenderError> {
+        let passes = match &self.maps {
+            Some(maps) => Passes::Dome(Box::new(DomeShadows::new(gpu, maps, surfaces)?)),
+            None if self.config.method.family() == Family::Path => {
+                Passes::Path(Box::new(PathShadows::new(gpu, &self.things, surfaces)?))
+            }
+            None => Passes::Key(Box::new(KeyShadows::new(
+                gpu,
+                (buffers, camera),
+                surfaces,
+                &self.config,
+            )?)),
+        };
+        Ok(EyeShadows(passes))
     }
 
     /// The method in use.
     #[must_use]
     pub fn method(&self) -> ShadowMethod {
-        self.method
+        self.config.method
     }
 
-    /// Changes the method; on failure the one in use stays.
+    /// Changes the method; on failure the one in use stays. Eyes must be asked for anew.
     ///
     /// # Errors
     /// As [`SceneShadows::new`].
     pub fn set_method(&mut self, gpu: &Gpu, buffers: &SceneBuffers, method: ShadowMethod) -> Result<(), RenderError> {
         let config = ShadowConfig { method, ..self.config };
-        let surfaces = Surfaces {
-            surfaces: [&self.phantoms, &self.virtuals],
-            targets: &self.light_on,
-        };
-        self.passes = Passes::new(
-            gpu,
-            (&self.things, &self.bounds, buffers),
-            (surfaces, &self.camera),
-            &config,
-        )?;
-        (self.method, self.config) = (method, config);
+        self.maps = shared_maps(gpu, (&self.things, &self.bounds, buffers), &config)?;
+        self.config = config;
         Ok(())
     }
 
-    /// Light from afar on the phantoms.
-    #[must_use]
-    pub fn on_phantoms(&self) -> &ShadowedLight {
-        &self.light_on[0]
+    /// Moves the objects: one placement per object of the scene, world from object.
+    pub fn place(&mut self, placements: &[Affine3A]) {
+        for things in [
+            &mut self.things.phantoms,
+            &mut self.things.virtuals,
+            &mut self.things.everything,
+        ] {
+            things.place(placements);
+        }
+        self.bounds = self.things.bounds();
     }
 
-    /// Light from afar on the virtual objects.
-    #[must_use]
-    pub fn on_virtuals(&self) -> &ShadowedLight {
-        &self.light_on[1]
-    }
-
-    /// Draws surfaces, shadows and light.
-    ///
-    /// # Errors
-    /// [`RenderError::Shadow`] where the method cannot serve this light.
+    /// Draws what all eyes share.
     pub fn record(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         frame: &ShadowFrame<'_>,
-    ) -> Result<(), RenderError> {
-        if let Passes::Path(path) = &mut self.passes {
-            let mut first = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
-                label: Some("surfaces"),
-            });
-            let scene = frame.scene;
-            self.phantoms.record(&mut first, timer, (scene, &scene.phantoms));
-            self.virtuals.record(&mut first, timer, (scene, &scene.virtuals));
-            gpu.queue.submit([first.finish()]);
-            return path.record(gpu, encoder, timer, frame);
+    ) {
+        if let Some(maps) = &mut self.maps {
+            maps.record(gpu, encoder, timer, (frame, &self.bounds));
         }
-        self.phantoms
-            .record(encoder, timer, (frame.scene, &frame.scene.phantoms));
-        self.virtuals
-            .record(encoder, timer, (frame.scene, &frame.scene.virtuals));
-        match &mut self.passes {
-            Passes::Dome(dome) => {
-                dome.record(gpu, encoder, timer, (frame, &self.bounds, self.method));
+    }
+
+    /// Draws the shadows and the light in an eye's picture, taken from `camera_from_world`; its surfaces have been drawn
+    /// and submitted.
+    ///
+    /// # Errors
+    /// [`RenderError::Shadow`] where the method cannot serve this light.
+    pub fn record_eye(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        (eye, frame, camera_from_world): (&mut EyeShadows, &ShadowFrame<'_>, &Pose),
+    ) -> Result<(), RenderError> {
+        match (&mut eye.0, &self.maps) {
+            (Passes::Dome(dome), Some(maps)) => {
+                dome.record(gpu, encoder, timer, maps);
                 Ok(())
             }
-            Passes::Key(key) => key.record(gpu, encoder, timer, (frame, &self.things)),
-            Passes::Path(_) => Ok(()),
+            (Passes::Key(key), _) => key.record(gpu, encoder, timer, (frame, &self.things, camera_from_world)),
+            (Passes::Path(path), _) => path.record(gpu, encoder, timer, frame),
+            // An eye that was made before the method changed shows the light as it was.
+            (Passes::Dome(_), None) => Ok(()),
         }
     }
 }
 
-/// The two surfaces with what is to be filled for each: phantoms, virtual objects.
-#[derive(Debug, Clone, Copy)]
-struct Surfaces<'a> {
-    surfaces: [&'a LensSurface; 2],
-    targets: &'a [ShadowedLight; 2],
+impl Things {
+    fn bounds(&self) -> Bounds {
+        let virtuals = self.virtuals.bounds();
+        Bounds {
+            virtuals,
+            everything: enclosing(&[virtuals, self.everything.bounds()]).unwrap_or(virtuals),
+        }
+    }
 }
 
-impl Passes {
-    fn new(
-        gpu: &Gpu,
-        (things, bounds, buffers): (&Things, &Bounds, &SceneBuffers),
-        (surfaces, camera): (Surfaces<'_>, &Camera),
-        config: &ShadowConfig,
-    ) -> Result<Self, RenderError> {
-        match config.method.family() {
-            Family::Dome => {
-                let dome = DomeShadows::new(gpu, (things, bounds, buffers), surfaces, config)?;
-                Ok(Self::Dome(Box::new(dome)))
-            }
-            Family::Path => Ok(Self::Path(Box::new(PathShadows::new(gpu, things, surfaces)?))),
-            Family::Key => {
-                let key = KeyShadows::new(gpu, (buffers, camera), surfaces, config)?;
-                Ok(Self::Key(Box::new(key)))
-            }
-        }
+fn shared_maps(
+    gpu: &Gpu,
+    (things, bounds, buffers): (&Things, &Bounds, &SceneBuffers),
+    config: &ShadowConfig,
+) -> Result<Option<SharedMaps>, RenderError> {
+    match config.method.family() {
+        Family::Dome => SharedMaps::new(gpu, (things, bounds, buffers), config).map(Some),
+        Family::Path | Family::Key => Ok(None),
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{ShadowFrame, Surfaces, Things};
+use super::{EyeSurfaces, ShadowFrame, Things};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
@@ -33,7 +33,7 @@ struct Side {
 }
 
 impl PathShadows {
-    pub(super) fn new(gpu: &Gpu, things: &Things, surfaces: Surfaces<'_>) -> Result<Self, RenderError> {
+    pub(super) fn new(gpu: &Gpu, things: &Things, surfaces: EyeSurfaces<'_>) -> Result<Self, RenderError> {
         let pass = IrradiancePass::new(gpu);
         let corners = |casters: &Casters| -> Vec<[Vec3; 3]> { casters.triangles().collect() };
         let occluders = OccluderSets::new(gpu, &corners(&things.phantoms), &corners(&things.virtuals))?;

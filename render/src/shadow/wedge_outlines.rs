@@ -124,7 +124,7 @@ mod tests {
             object: 0,
             normal: [0.0, 0.0, 1.0],
             material: 0,
-            uv: [0.0; 2],
+            ..Vertex::PLAIN
         };
         let mesh = Mesh {
             vertices: corners.iter().map(vertex).collect(),

@@ -50,7 +50,7 @@ pub(crate) fn push_quad(mesh: &mut Mesh, corners: [Vec3; 4]) {
         object: 0,
         normal: normal.to_array(),
         material: 0,
-        uv: [0.0; 2],
+        ..Vertex::PLAIN
     }));
     mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
 }
@@ -73,12 +73,6 @@ pub(crate) fn scene_of(meshes: &[(&str, Mesh)]) -> (Scene, Vec<Affine3A>) {
 fn grey() -> Material {
     Material {
         base_color: [0.5; 3],
-        base_color_texture: None,
-        metallic: 0.0,
-        roughness: 1.0,
-        dielectric_f0: [0.0; 3],
-        dielectric_f90: 0.0,
-        transmission: 0.0,
-        ior: 1.5,
+        ..Material::default()
     }
 }

@@ -82,7 +82,7 @@ pub(crate) fn sphere(center_m: Vec3, radius_m: f32, rings: u32) -> Mesh {
                 object: 0,
                 normal: normal.to_array(),
                 material: 0,
-                uv: [0.0; 2],
+                ..Vertex::PLAIN
             });
         }
     }

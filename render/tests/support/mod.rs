@@ -153,13 +153,7 @@ pub(crate) fn ground_reflectance(rig: &Rig, point_m: DVec3) -> f64 {
 pub(crate) fn diffuse(albedo: f32) -> Material {
     Material {
         base_color: [albedo; 3],
-        base_color_texture: None,
-        metallic: 0.0,
-        roughness: 1.0,
-        dielectric_f0: [0.0; 3],
-        dielectric_f90: 0.0,
-        transmission: 0.0,
-        ior: 1.5,
+        ..Material::default()
     }
 }
 
@@ -220,7 +214,7 @@ fn vertex(position: Vec3, normal: Vec3) -> Vertex {
         object: 0,
         normal: normal.to_array(),
         material: 0,
-        uv: [0.0; 2],
+        ..Vertex::PLAIN
     }
 }
 

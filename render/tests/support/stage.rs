@@ -10,13 +10,15 @@ use mirrorball_render::gpu::timer::Timer;
 use mirrorball_render::gpu::types::{GpuCamera, GpuFrame};
 use mirrorball_render::passes::camera_depth::CameraDepth;
 use mirrorball_render::passes::direct::Inputs;
+use mirrorball_render::passes::direct::ShadowedLight;
+use mirrorball_render::passes::lens_surface::LensSurface;
 use mirrorball_render::passes::receive::Receive;
 use mirrorball_render::passes::shade::{SAMPLES, Shade, ShadeTarget};
 use mirrorball_render::probe::Light;
 use mirrorball_render::probe::meter::MeterFit;
 use mirrorball_render::scene::{Kind, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
-use mirrorball_render::scene_shadows::{SceneShadows, ShadowFrame};
+use mirrorball_render::scene_shadows::{EyeShadows, EyeSurfaces, SceneShadows, ShadowFrame};
 
 use super::{EXPOSURE, occluders};
 use mirrorball_calib::lights::KeyLight;
@@ -30,7 +32,10 @@ pub(crate) struct Stage {
     pub(crate) environments: Environments,
     pub(crate) camera: wgpu::Buffer,
     pub(crate) depth: CameraDepth,
-    pub(crate) shadows: SceneShadows,
+    shadows: SceneShadows,
+    eye_shadows: EyeShadows,
+    surfaces: [LensSurface; 2],
+    light_on: [ShadowedLight; 2],
     pub(crate) receive: Receive,
     pub(crate) shade: Shade,
 }
@@ -49,19 +54,32 @@ impl Stage {
             bright_lights: 0,
             ..ShadowConfig::default()
         };
-        let shadows = SceneShadows::new(&gpu, (scene, &buffers), (rig, &camera), config).expect("the test scene fits");
+        let shadows = SceneShadows::new(&gpu, (scene, &buffers), rig, config).expect("the test scene fits");
+        let surfaces =
+            ["phantoms", "virtual objects"].map(|label| LensSurface::new(&gpu, label, (&camera, &buffers), size_px));
+        let light_on = [0, 1].map(|i: usize| ShadowedLight::new(&gpu, surfaces[i].views()));
+        let eye_shadows = shadows
+            .eye(
+                &gpu,
+                (&buffers, rig.scene_camera()),
+                EyeSurfaces {
+                    surfaces: [&surfaces[0], &surfaces[1]],
+                    targets: &light_on,
+                },
+            )
+            .expect("the test scene fits");
         let inputs = |light| Inputs {
             camera: &camera,
             scene: &buffers,
             environments: &environments,
             light,
         };
-        let receive = Receive::new(&gpu, inputs(shadows.on_phantoms()), size_px);
+        let receive = Receive::new(&gpu, inputs(&light_on[0]), size_px);
         let target = ShadeTarget {
             size_px,
             light: LightConfig::default(),
         };
-        let shade = Shade::new(&gpu, inputs(shadows.on_virtuals()), (&gpu.linear_sampler(), target));
+        let shade = Shade::new(&gpu, inputs(&light_on[1]), (&gpu.linear_sampler(), target));
         Self {
             timer: Timer::new(&gpu),
             gpu,
@@ -70,6 +88,9 @@ impl Stage {
             camera,
             depth,
             shadows,
+            eye_shadows,
+            surfaces,
+            light_on,
             receive,
             shade,
         }
@@ -86,7 +107,7 @@ impl Stage {
             camera: &self.camera,
             scene: &self.buffers,
             environments: &self.environments,
-            light: self.shadows.on_virtuals(),
+            light: &self.light_on[1],
         };
         self.shade = Shade::new(&self.gpu, inputs, (&self.gpu.linear_sampler(), target));
         self.ratios(rig, camera_from_world, &[]);
@@ -96,7 +117,7 @@ impl Stage {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         self.depth.record(&mut encoder, &mut self.timer, &self.buffers);
         self.shade
-            .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.multisampled());
+            .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.view());
         self.gpu.queue.submit([encoder.finish()]);
         super::read_layer::<[half::f16; 4]>(&self.gpu, self.shade.radiance().texture(), 0, 0)
             .into_iter()
@@ -122,14 +143,17 @@ impl Stage {
             scene: &self.buffers,
             light: &light,
             probe_m: Vec3::ZERO,
-            camera_from_world,
+            is_moved: false,
         };
+        let (timer, buffers) = (&mut self.timer, &self.buffers);
+        self.surfaces[0].record(&mut encoder, timer, (buffers, &buffers.phantoms));
+        self.surfaces[1].record(&mut encoder, timer, (buffers, &buffers.virtuals));
+        self.shadows.record(&self.gpu, &mut encoder, timer, &shadow_frame);
+        let job = (&mut self.eye_shadows, &shadow_frame, camera_from_world);
         self.shadows
-            .record(&self.gpu, &mut encoder, &mut self.timer, &shadow_frame)
+            .record_eye(&self.gpu, &mut encoder, timer, job)
             .expect("the default method takes all lights");
-        self.depth.record(&mut encoder, &mut self.timer, &self.buffers);
-        self.receive
-            .record(&mut encoder, &mut self.timer, &self.buffers, self.depth.single());
+        self.receive.record(&mut encoder, timer);
         self.gpu.queue.submit([encoder.finish()]);
         super::read_layer::<[half::f16; 4]>(&self.gpu, self.receive.ratio().texture(), 0, 0)
             .into_iter()

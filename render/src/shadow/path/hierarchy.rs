@@ -33,11 +33,11 @@ pub struct GpuBvhNode {
     pub unused: u32,
 }
 
-/// A triangle (`Triangle` in `shared/bvh.wgsl`): its corners, world, metres.
+/// A triangle (`Triangle` in `shared/bvh.wgsl`): its corners, metres, in each w the corner's number.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuBvhTriangle {
-    /// First corner; w unused, as in all.
+    /// First corner.
     pub a: Vec4,
     /// Second corner.
     pub b: Vec4,
@@ -77,6 +77,20 @@ impl Hierarchies {
     /// [`RenderError::TooLarge`] for more than 16 million triangles or nodes in all, [`RenderError::Shadow`] for triangles so
     /// unevenly spread that the hierarchy gets too deep.
     pub fn add(&mut self, gpu: &Gpu, corners: &[[Vec3; 3]]) -> Result<Root, RenderError> {
+        self.add_numbered(gpu, corners, &[])
+    }
+
+    /// The same; every corner takes a number along, in its w: the rows of `numbers`, 0 beyond their end. Numbers below
+    /// 2^24 arrive as they are.
+    ///
+    /// # Errors
+    /// As [`Hierarchies::add`].
+    pub fn add_numbered(
+        &mut self,
+        gpu: &Gpu,
+        corners: &[[Vec3; 3]],
+        numbers: &[[u32; 3]],
+    ) -> Result<Root, RenderError> {
         let (chosen, triangles): (Vec<u32>, Vec<Triangle>) = corners
             .iter()
             .enumerate()
@@ -120,8 +134,13 @@ impl Hierarchies {
         }));
         let order: Vec<u32> = built.primitive_indices.iter().map(|&i| chosen[i as usize]).collect();
         self.triangles.extend(order.iter().map(|&i| {
-            let [a, b, c] = corners[i as usize].map(|corner| corner.extend(0.0));
-            GpuBvhTriangle { a, b, c }
+            let own = numbers.get(i as usize).copied().unwrap_or_default();
+            let of = |k: usize| corners[i as usize][k].extend(own[k] as f32);
+            GpuBvhTriangle {
+                a: of(0),
+                b: of(1),
+                c: of(2),
+            }
         }));
         Ok(Root {
             link: self.nodes[first_node as usize].link,

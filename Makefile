@@ -10,7 +10,7 @@ BIN := $(TARGET_DIR)/release
 # Where this is not set (a container, say), Mesa prints an error that is none. Any folder will do.
 export XDG_RUNTIME_DIR ?= /tmp
 
-.PHONY: help demo test test-drivers bench-probe bench-shadows shadow-table bench-calibration setup build lint docs
+.PHONY: help demo test test-drivers bench-probe bench-shadows shadow-table gallery bench-calibration setup build lint docs
 
 help:
 	@echo 'make demo    set up, build, render the recording in $(SEQUENCE), write pictures and figures to $(OUT)'
@@ -19,6 +19,7 @@ help:
 	@echo 'make bench-probe    light against truth, for tests/data and SEQUENCES="FOLDER ..."; time and error of its maps'
 	@echo 'make bench-shadows  time and error of every shadow method, plots and a contact sheet in out/bench-shadows'
 	@echo 'make shadow-table   every shadow method on tests/data or SEQUENCES="FOLDER ...", against truth'
+	@echo 'make gallery        our composites beside phone-style light and the references, tests/data or SEQUENCES="FOLDER ..."'
 	@echo 'make bench-calibration   lenses by us, and by OpenCV and mrcal where they are installed; PHOTOS=DIR for real pictures'
 	@echo 'make setup   install what Debian packages are missing; check the Rust toolchain'
 	@echo 'make build   build all programs'
@@ -67,6 +68,10 @@ bench-shadows: setup
 # Every shadow method in the camera's picture, against truth: with the measured light, and with the true map.
 shadow-table: setup
 	@scripts/shadow-table.sh $(or $(SEQUENCES),tests/data/moving_lamp tests/data/two_cameras tests/data/fisheye)
+
+# Our composites beside those lit as phones do it and beside the path-traced references; picture and table in out/gallery.
+gallery: setup
+	@scripts/gallery.sh $(or $(SEQUENCES),tests/data/moving_lamp tests/data/two_cameras tests/data/fisheye)
 
 # Lenses from the same corners by us and by peers (Python with OpenCV, mrcal), which are optional. PHOTOS=DIR, SEEDS=N.
 bench-calibration: setup

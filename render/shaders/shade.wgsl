@@ -26,11 +26,13 @@
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
-// What reflections are looked up in: 0 GGX lobes, 1 Phong lobes, 2 sphere map.
+// What reflections are looked up in: 0 GGX lobes, 1 Phong lobes, 2 sphere map, 4 GGX lobes in a small cube.
 override SPECULAR: u32 = 0u;
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
 const LAST_SPECULAR_MIP: f32 = 5.0;
+// Its mip of 16 texels.
+const SMALL_CUBE_MIP: f32 = 3.0;
 // Steps along a reflected ray: 4 mm to 4 m in 24 of them.
 const FIRST_STEP_M: f32 = 0.004;
 const STEP_GROWTH: f32 = 1.35;
@@ -152,7 +154,7 @@ fn share_past_virtual(pixel: vec2i) -> vec3f {
 
 // Mip of the specular cube for a perceptual roughness.
 fn specular_mip(roughness: f32) -> f32 {
-    if SPECULAR == 0u {
+    if SPECULAR == 0u || SPECULAR == 4u {
         return clamp(roughness, 0.0, 1.0) * LAST_SPECULAR_MIP;
     }
     // Exponents are 4 ^ (last mip - mip) (src/passes/prefilter_phong.rs).
@@ -166,6 +168,10 @@ fn reflected_radiance(slot: u32, point: vec3f, mirrored: vec3f, roughness: f32) 
     if SPECULAR == 2u {
         let to_eye = normalize(camera.position_m.xyz - point);
         return textureSampleLevel(sphere_maps, linear_sampler, sphere_map_at(mirrored, to_eye), 2u * slot, 0.0).rgb;
+    }
+    if SPECULAR == 4u {
+        let mip = max(specular_mip(roughness), SMALL_CUBE_MIP);
+        return textureSampleLevel(specular, linear_sampler, mirrored, slot, mip).rgb;
     }
     let towards = parallax_corrected(slot, point, mirrored);
     return textureSampleLevel(specular, linear_sampler, towards, slot, specular_mip(roughness)).rgb;

@@ -178,6 +178,8 @@ pub enum SpecularMethod {
     Highlight,
     /// Sphere map in eye space, without roughness and parallax (Supan 2006).
     SphereMap,
+    /// GGX lobes in a cube of 16 texels a side, without parallax: what light estimation on phones gives.
+    SmallCube,
 }
 
 /// How lights are chosen and their shadows filtered.

@@ -1,7 +1,7 @@
 //! The score tools and the demo sheet: what a run of the render node is worth, in numbers and in pictures.
 //!
 //! `score` compares an output folder with a truth folder, `probe-table` the light of several, `sheet` lays camera,
-//! composite and reference side by side.
+//! composite and reference side by side, `gallery` does so for several sequences beside another way of lighting.
 //! They only read; nothing here tracks or calibrates, so no error is shared with what is measured. That holds for
 //! [`simulation`] as well, which makes pictures of the probe for tests. The program `bench-shadows` alone runs the
 //! render node's own code: it measures that.
@@ -25,6 +25,7 @@ pub mod environment_map;
 pub mod error;
 pub mod flip;
 pub mod floors;
+pub mod gallery;
 pub mod irradiance;
 pub mod json;
 pub mod label;

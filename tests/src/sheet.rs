@@ -5,7 +5,7 @@ use image::{Rgb, RgbImage, imageops};
 use std::path::Path;
 
 /// Widest picture of the sheet in pixels; larger ones are reduced.
-const CELL_WIDTH_PX: u32 = 640;
+pub const CELL_WIDTH_PX: u32 = 640;
 /// Space around pictures in pixels.
 const MARGIN_PX: u32 = 12;
 /// Height of the line of labels over a row of pictures, in pixels.
@@ -19,7 +19,7 @@ pub struct Row {
     /// What the row shows: frame and time.
     pub title: String,
     /// Label and picture of each column.
-    pub pictures: Vec<(&'static str, RgbImage)>,
+    pub pictures: Vec<(String, RgbImage)>,
 }
 
 /// Reads the rows of a sheet: the frames with a reference when there is a truth, else first, middle and last.
@@ -52,11 +52,11 @@ pub fn rows(output_folder: &Path, frames: &[RecordedFrame], truth: Option<&Truth
         let sequence = frame.sequence;
         let mut pictures = vec![
             (
-                "camera",
+                "camera".to_owned(),
                 picture::read_any(&frame.path, &format!("the camera's picture of frame {sequence}"))?,
             ),
             (
-                "ours",
+                "ours".to_owned(),
                 picture::read_any(
                     &composite_path(output_folder, sequence),
                     &format!("the composite of frame {sequence}"),
@@ -65,7 +65,7 @@ pub fn rows(output_folder: &Path, frames: &[RecordedFrame], truth: Option<&Truth
         ];
         if let Some(path) = reference_of(frame) {
             pictures.push((
-                "reference",
+                "reference".to_owned(),
                 picture::read_any(&path, &format!("the reference of frame {sequence}"))?,
             ));
         }
@@ -78,9 +78,14 @@ pub fn rows(output_folder: &Path, frames: &[RecordedFrame], truth: Option<&Truth
     chosen.into_iter().map(row).collect()
 }
 
-/// Draws the sheet.
+/// Draws the sheet, its pictures no wider than [`CELL_WIDTH_PX`].
 pub fn draw(rows: &[Row]) -> RgbImage {
-    let rows: Vec<Row> = rows.iter().map(reduced).collect();
+    draw_reduced(rows, CELL_WIDTH_PX)
+}
+
+/// Draws the sheet with pictures no wider than `widest_px`.
+pub fn draw_reduced(rows: &[Row], widest_px: u32) -> RgbImage {
+    let rows: Vec<Row> = rows.iter().map(|row| reduced(row, widest_px)).collect();
     let width_px = rows.iter().map(row_width).max().unwrap_or(0) + MARGIN_PX;
     let height_px = rows.iter().map(row_height).sum::<u32>() + MARGIN_PX;
     let mut sheet = RgbImage::from_pixel(width_px, height_px, PAPER);
@@ -91,7 +96,7 @@ pub fn draw(rows: &[Row]) -> RgbImage {
             let text = if index == 0 {
                 format!("{name}  {}", row.title)
             } else {
-                (*name).to_owned()
+                name.clone()
             };
             label::draw(&mut sheet, &text, (left_px, top_px + MARGIN_PX), INK);
             let picture_top_px = top_px + MARGIN_PX + LABEL_BAR_PX;
@@ -104,11 +109,11 @@ pub fn draw(rows: &[Row]) -> RgbImage {
 }
 
 /// Returns the row with pictures no wider than a cell.
-fn reduced(row: &Row) -> Row {
+fn reduced(row: &Row, widest_px: u32) -> Row {
     let pictures = row
         .pictures
         .iter()
-        .map(|(name, picture)| (*name, reduce(picture, CELL_WIDTH_PX)));
+        .map(|(name, picture)| (name.clone(), reduce(picture, widest_px)));
     Row {
         title: row.title.clone(),
         pictures: pictures.collect(),
@@ -150,7 +155,7 @@ mod tests {
         let row = |width, height| Row {
             title: "frame 3, 0.100 s".to_owned(),
             pictures: ["camera", "ours"]
-                .map(|name| (name, RgbImage::from_pixel(width, height, Rgb([9; 3]))))
+                .map(|name| (name.to_owned(), RgbImage::from_pixel(width, height, Rgb([9; 3]))))
                 .to_vec(),
         };
         let sheet = draw(&[row(1280, 720), row(320, 240)]);

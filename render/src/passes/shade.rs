@@ -44,6 +44,7 @@ fn specular_constant(method: SpecularMethod) -> f64 {
         SpecularMethod::Ggx => 0.0,
         SpecularMethod::Phong | SpecularMethod::Highlight => 1.0,
         SpecularMethod::SphereMap => 2.0,
+        SpecularMethod::SmallCube => 4.0,
     }
 }
 

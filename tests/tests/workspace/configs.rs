@@ -25,6 +25,19 @@ fn render_toml_spells_out_the_defaults() {
 }
 
 #[test]
+fn settings_of_other_ways_of_lighting_are_read() {
+    for entry in std::fs::read_dir(configs().join("peers")).unwrap() {
+        let file = entry.unwrap().path();
+        assert_ne!(
+            RenderConfig::load(&file).unwrap(),
+            RenderConfig::default(),
+            "{}",
+            file.display()
+        );
+    }
+}
+
+#[test]
 fn capture_toml_spells_out_the_defaults() {
     let file = configs().join("capture.toml");
     let spelt_out = CaptureConfig::load(&file).unwrap();

@@ -68,7 +68,7 @@ pub(crate) fn sheet(gallery: &Gallery, report: &mut Report) -> Result<(), Render
                 .iter()
                 .map(|(method, painted)| {
                     let picture = painted.as_ref().map_or_else(|_| dark(), |(picture, _)| picture.clone());
-                    (method.name(), picture)
+                    (method.name().to_owned(), picture)
                 })
                 .collect(),
         })

@@ -17,6 +17,7 @@ use mirrorball_render::config::RenderConfig;
 use mirrorball_render::environment_in;
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
+use mirrorball_render::mode::{Mode, Surround};
 use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
@@ -39,6 +40,10 @@ struct Arguments {
     /// key S goes through all.
     #[arg(long, value_name = "METHOD")]
     shadow: Option<ShadowMethod>,
+    /// What is shown, in place of the settings' `mode.name`: see-through, stereo (side by side), vr, vr-stereo, optical,
+    /// optical-stereo.
+    #[arg(long, value_name = "MODE")]
+    mode: Option<Mode>,
     /// Settings; see `configs/render.toml`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -99,6 +104,7 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         .as_deref()
         .map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
     config.shadow.method = arguments.shadow.unwrap_or(config.shadow.method);
+    config.mode.name = arguments.mode.unwrap_or(config.mode.name);
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
@@ -126,7 +132,10 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     if let Some(radiance) = given {
         node = node.with_light(radiance);
     }
-    tracing::info!(adapter = node.adapter_name(), "render node ready");
+    tracing::info!(adapter = node.adapter_name(), mode = %node.mode(), "render node ready");
+    if node.mode().surround() == Surround::Nothing {
+        tracing::info!("shadows are off: a display that one looks through adds light and takes none away");
+    }
     let mut app = App::new(node, frames, sinks);
     let stop = stop_flag()?;
     let should_stop = || stop.load(Ordering::Relaxed);

@@ -457,8 +457,9 @@ fn composite_equals_its_twin() {
         .device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
+    pass.codes().record(&mut encoder);
     stage.gpu.queue.submit([encoder.finish()]);
-    let rgba = pass.read(&stage.gpu).unwrap();
+    let rgba = pass.codes().read(&stage.gpu).unwrap();
     let mut errors = Vec::new();
     for i in 0..n {
         let code = [codes[3 * i], codes[3 * i + 1], codes[3 * i + 2]];

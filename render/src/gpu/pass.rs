@@ -205,6 +205,25 @@ impl Gpu {
         })
     }
 
+    /// Sets all texels of `views`, targets of one sample each, to 0.
+    pub fn clear(encoder: &mut wgpu::CommandEncoder, views: &[&wgpu::TextureView]) {
+        for view in views {
+            let _ = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("clear"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+        }
+    }
+
     /// A sampler that filters linearly between texels and mips and clamps at the edges.
     #[must_use]
     pub fn linear_sampler(&self) -> wgpu::Sampler {

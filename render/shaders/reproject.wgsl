@@ -36,11 +36,18 @@ fn room_point(origin: vec3f, direction: vec3f) -> vec3f {
     return origin + direction * (sqrt(along * along + rest) - along);
 }
 
-// Whether the camera's pixel shows something that stands before a point `depth_m` away along its axis.
-fn is_before(pixel: vec2i, depth_m: f32) -> bool {
+// Whether a phantom that the camera's pixel shows stands before a point `depth_m` away along its axis.
+fn shows_before(pixel: vec2i, depth_m: f32) -> bool {
     let found = textureLoad(camera_places, pixel, 0);
     let found_m = dot(camera.camera_from_world * vec4f(found.xyz, 1.0), vec4f(0.0, 0.0, 1.0, 0.0));
     return found.w > 0.0 && found_m < 0.99 * depth_m - 0.004;
+}
+
+// Whether the camera's pixel shows something before such a point, or is mixed with what does: at an outline the lens spreads
+// it over the pixel beside it. Eyes are beside the camera, so what is left and right of the pixel counts.
+fn is_before(pixel: vec2i, depth_m: f32) -> bool {
+    return shows_before(pixel, depth_m) || shows_before(pixel - vec2i(1, 0), depth_m)
+        || shows_before(pixel + vec2i(1, 0), depth_m);
 }
 
 // Linear signal of a pixel, as it would be in the middle of the picture.

@@ -160,6 +160,9 @@ impl RenderNode {
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
             eye.finish.record(&mut encoder, timer);
+        }
+        self.insets.record(&mut encoder, timer);
+        for eye in &self.eyes {
             eye.finish.codes().record(&mut encoder);
         }
         timer.record(&mut encoder);

@@ -35,6 +35,7 @@ pub mod eye;
 pub mod eye_view;
 pub mod frame;
 pub mod gpu;
+pub mod insets;
 pub mod lab;
 pub mod light_maps;
 pub mod light_tree;

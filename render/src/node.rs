@@ -15,6 +15,7 @@ use crate::eye_view::{EyeView, eye_places_m};
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
+use crate::insets::{Buffer, Insets, Sources};
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
 use crate::mode::Mode;
@@ -129,6 +130,8 @@ pub struct RenderNode {
     pub(crate) seen: CameraView,
     /// The pictures that are made, left to right.
     pub(crate) eyes: Vec<Eye>,
+    /// Buffers that the picture shows.
+    pub(crate) insets: Insets,
     /// Sphere on which real things stand that are no phantoms, uniform.
     pub(crate) room: wgpu::Buffer,
     pub(crate) scene: SceneBuffers,
@@ -235,6 +238,7 @@ impl RenderNode {
             passes,
             seen,
             eyes,
+            insets: Insets::default(),
             room,
             scene: buffers,
             rays,
@@ -262,6 +266,23 @@ impl RenderNode {
     #[must_use]
     pub fn mode(&self) -> Mode {
         self.config.mode.name
+    }
+
+    /// Shows these buffers from now on, in the first eye's picture; the first [`Insets::MOST`] of them.
+    pub fn show(&mut self, buffers: &[Buffer]) {
+        let sources = Sources {
+            eye: &self.eyes[0],
+            seen: &self.seen,
+            environments: &self.environments,
+            pictures: &self.pictures,
+        };
+        self.insets = Insets::new(&self.gpu, buffers, &sources);
+    }
+
+    /// The buffers that are shown.
+    #[must_use]
+    pub fn shown(&self) -> &[Buffer] {
+        self.insets.buffers()
     }
 
     /// Columns and rows of finished pictures, all eyes side by side.

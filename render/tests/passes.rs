@@ -171,7 +171,7 @@ fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2
     let probe = gpu_probe(&case.optics, camera.position_m.truncate(), config, place);
     let mut picture = PictureBuffers::new(gpu, &case.camera);
     picture.upload(gpu, &case.frame);
-    let pass = RadianceMap::new(gpu, near_m);
+    let mut pass = RadianceMap::new(gpu, near_m);
     let measured = pass
         .run(gpu, &mut Timer::new(gpu), (&camera, &probe, &picture))
         .expect("the device works");

@@ -38,6 +38,7 @@ impl Readback {
 
     fn with_usage(gpu: &Gpu, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> Self {
         let buffer = |usage| {
+            gpu.count_made();
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size: bytes,

@@ -46,6 +46,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("downsample", include_str!("../../shaders/downsample.wgsl")),
     ("harmonics", include_str!("../../shaders/harmonics.wgsl")),
     ("highlight", include_str!("../../shaders/highlight.wgsl")),
+    ("inset", include_str!("../../shaders/inset.wgsl")),
     ("irradiance", include_str!("../../shaders/irradiance.wgsl")),
     ("irradiance_cube", include_str!("../../shaders/irradiance_cube.wgsl")),
     ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),

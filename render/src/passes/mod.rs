@@ -8,6 +8,7 @@ pub mod display;
 pub mod downsample;
 pub mod harmonics;
 pub mod highlight;
+pub mod inset;
 pub mod irradiance;
 pub mod irradiance_cube;
 pub mod lens_surface;

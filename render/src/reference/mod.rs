@@ -2,7 +2,7 @@
 //!
 //! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs`,
 //! `tests/comparison_maps.rs` and `tests/modes.rs` compare the three.
-//! Passes that only draw (`camera_depth`, `present`) have none.
+//! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
 pub mod composite;
 pub mod cylindrical;

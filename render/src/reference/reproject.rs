@@ -75,7 +75,15 @@ fn index(picture: &CameraPicture<'_>, at: IVec2) -> usize {
     at.y as usize * picture.camera.intrinsics.size_px[0] as usize + at.x as usize
 }
 
+/// Whether a pixel or one beside it shows something before a point `depth_m` away.
 fn is_before(picture: &CameraPicture<'_>, at: IVec2, depth_m: f64) -> bool {
+    let width = picture.camera.intrinsics.size_px[0] as i32;
+    (at.x - 1..=at.x + 1)
+        .filter(|x| (0..width).contains(x))
+        .any(|x| shows_before(picture, IVec2::new(x, at.y), depth_m))
+}
+
+fn shows_before(picture: &CameraPicture<'_>, at: IVec2, depth_m: f64) -> bool {
     let found = picture.places[index(picture, at)];
     let found_m = picture.camera_from_world.transform_point(found.truncate().as_dvec3()).z;
     found.w > 0.0 && found_m < 0.99 * depth_m - 0.004

@@ -2,6 +2,7 @@
 // A pixel without virtual object and with ratio 1 keeps its code, bit for bit. CPU twin: src/reference/composite.rs.
 
 #import camera
+#import response
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> response: array<f32>;
@@ -10,27 +11,6 @@
 @group(0) @binding(4) var phantom_ratio: texture_2d<f32>;
 // One pixel per element, red in the lowest byte.
 @group(0) @binding(5) var<storage, read_write> out: array<u32>;
-
-// Code whose place on the response curve is nearest to y: found by bisection, rounded between neighbours.
-fn encode(y: f32) -> u32 {
-    if y <= response[0] {
-        return 0u;
-    }
-    if y >= response[255] {
-        return 255u;
-    }
-    var low = 0u;
-    var high = 255u;
-    while high - low > 1u {
-        let middle = (low + high) / 2u;
-        if response[middle] <= y {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    return select(low, high, 2.0 * y >= response[low] + response[high]);
-}
 
 @compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) at: vec3u) {

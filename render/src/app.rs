@@ -10,6 +10,7 @@ use mirrorball_capture::{
 };
 
 use crate::error::RenderError;
+use crate::insets::Buffer;
 use crate::node::{RenderNode, RenderedFrame};
 use crate::output::Sink;
 use crate::shadow::ShadowMethod;
@@ -171,6 +172,15 @@ impl App {
     /// As [`RenderNode::set_shadow_method`].
     pub fn set_shadow_method(&mut self, method: ShadowMethod) -> Result<(), RenderError> {
         self.node.set_shadow_method(method)
+    }
+
+    /// Shows the next buffer between the passes alone: from none to the first, and after the last none again.
+    pub fn show_next_buffer(&mut self) {
+        let next = match self.node.shown().first() {
+            Some(buffer) => buffer.next(),
+            None => Buffer::all().next(),
+        };
+        self.node.show(next.as_slice());
     }
 
     /// Number of frames to expect, when known.

@@ -1,6 +1,7 @@
 //! The render node's settings: `configs/render.toml`.
 
 use std::path::Path;
+use std::str::FromStr;
 
 use mirrorball_calib::lights::LightMethod;
 use mirrorball_calib::probe::Trust;
@@ -8,6 +9,7 @@ use mirrorball_calib::probe::mapping::Mapping;
 use serde::Deserialize;
 
 use crate::error::RenderError;
+use crate::mode::Mode;
 use crate::shadow::ShadowMethod;
 
 /// All settings; every key has a default.
@@ -22,6 +24,8 @@ pub struct RenderConfig {
     pub shadow: ShadowConfig,
     /// Near and far planes of the picture.
     pub view: ViewConfig,
+    /// What is shown, and to how many eyes.
+    pub mode: ModeConfig,
 }
 
 /// How the probe's picture becomes light.
@@ -193,7 +197,7 @@ pub struct ShadowConfig {
     /// Edge of a shadow map in texels, 64 ..= 2048.
     pub map_size: u32,
     /// How shadows are drawn.
-    #[serde(deserialize_with = "shadow_method")]
+    #[serde(deserialize_with = "named")]
     pub method: ShadowMethod,
 }
 
@@ -224,6 +228,90 @@ impl Default for ViewConfig {
             near_m: 0.02,
             far_m: 20.0,
         }
+    }
+}
+
+/// What is shown, and to how many eyes.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ModeConfig {
+    /// The mode: `see-through`, `stereo`, `vr`, `vr-stereo`, `optical` or `optical-stereo`.
+    #[serde(deserialize_with = "named")]
+    pub name: Mode,
+    /// Place of the left eye in the scene camera's frame (x right, y down, z forward), metres, each -0.5 ..= 0.5.
+    pub left_eye_m: [f64; 3],
+    /// Place of the right eye.
+    pub right_eye_m: [f64; 3],
+    /// Columns and rows of an eye's display, 16 ..= 8192 each; the scene camera's where it is not given.
+    pub eye_size_px: Option<[u32; 2]>,
+    /// Horizontal field of view of an eye's display, degrees, 10 ..= 150; the scene camera's where it is not given.
+    pub field_of_view_deg: Option<f64>,
+    /// What stands behind everything in VR.
+    pub backdrop: BackdropName,
+    /// The colour of `backdrop = "colour"`, linear RGB, 0 ..= 1; 1 is the display's white.
+    pub background: [f32; 3],
+    /// Whether VR shows the phantoms.
+    pub phantoms: PhantomsInVr,
+}
+
+/// What stands behind everything in VR.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BackdropName {
+    /// One colour.
+    Colour,
+    /// The light, measured or given.
+    Environment,
+}
+
+/// Whether VR shows the phantoms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhantomsInVr {
+    /// They are not drawn and hide nothing.
+    LeftOut,
+    /// They are drawn as grey things (albedo 0.5), lit by what reaches them from afar past all objects and from virtual
+    /// lamps, so that they show the virtual objects' shadows.
+    Grey,
+}
+
+impl Default for ModeConfig {
+    fn default() -> Self {
+        Self {
+            name: Mode::SeeThrough,
+            // The mean distance between the pupils of adults is 63 mm (Dodgson 2004, "Variation and extrema of human
+            // interpupillary distance").
+            left_eye_m: [-0.0315, 0.0, 0.0],
+            right_eye_m: [0.0315, 0.0, 0.0],
+            eye_size_px: None,
+            field_of_view_deg: None,
+            backdrop: BackdropName::Environment,
+            background: [0.0; 3],
+            phantoms: PhantomsInVr::LeftOut,
+        }
+    }
+}
+
+impl ModeConfig {
+    fn check(&self) -> Result<(), String> {
+        for (key, place_m) in [
+            ("mode.left_eye_m", self.left_eye_m),
+            ("mode.right_eye_m", self.right_eye_m),
+        ] {
+            for value in place_m {
+                within(key, value, -0.5, 0.5)?;
+            }
+        }
+        for edge in self.eye_size_px.into_iter().flatten() {
+            within("mode.eye_size_px", f64::from(edge), 16.0, 8192.0)?;
+        }
+        if let Some(angle_deg) = self.field_of_view_deg {
+            within("mode.field_of_view_deg", angle_deg, 10.0, 150.0)?;
+        }
+        for value in self.background {
+            within("mode.background", f64::from(value), 0.0, 1.0)?;
+        }
+        Ok(())
     }
 }
 
@@ -259,7 +347,9 @@ impl RenderConfig {
             light,
             shadow,
             view,
+            mode,
         } = self;
+        mode.check()?;
         within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
         if probe.cube_size % 16 != 0 {
             return Err(format!(
@@ -287,8 +377,8 @@ impl RenderConfig {
     }
 }
 
-/// A shadow method by its name.
-fn shadow_method<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<ShadowMethod, D::Error> {
+/// A shadow method or a mode by its name.
+fn named<'de, D: serde::Deserializer<'de>, T: FromStr<Err = String>>(deserializer: D) -> Result<T, D::Error> {
     let name = String::deserialize(deserializer)?;
     name.parse().map_err(serde::de::Error::custom)
 }
@@ -344,6 +434,28 @@ mod tests {
                 "[light]\nspecular = \"blinn\"",
                 "expected one of `ggx`, `phong`, `highlight`",
             ),
+            (
+                "[mode]\nname = \"3d\"",
+                "`3d` is no mode; there are see-through, stereo, vr,",
+            ),
+            (
+                "[mode]\nleft_eye_m = [-64, 0, 0]",
+                "`mode.left_eye_m` is `-64`; allowed are -0.5 ..= 0.5",
+            ),
+            (
+                "[mode]\neye_size_px = [0, 720]",
+                "`mode.eye_size_px` is `0`; allowed are 16 ..= 8192",
+            ),
+            (
+                "[mode]\nfield_of_view_deg = 180",
+                "`mode.field_of_view_deg` is `180`; allowed are 10 ..= 150",
+            ),
+            (
+                "[mode]\nbackground = [0, 0, 2]",
+                "`mode.background` is `2`; allowed are 0 ..= 1",
+            ),
+            ("[mode]\nphantoms = \"red\"", "expected `left_out` or `grey`"),
+            ("[mode]\nbackdrop = \"sky\"", "expected `colour` or `environment`"),
             (
                 "[light]\nhighlight_threshold = -1",
                 "`light.highlight_threshold` is `-1`; allowed are 0 ..= 1000",

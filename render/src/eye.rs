@@ -1,15 +1,23 @@
 //! An eye: one picture with the virtual objects in it, and the passes that make it.
 //!
-//! Video see-through has one eye, the scene camera itself.
+//! Video see-through has one eye, the scene camera itself. In all other modes an eye has a view of its own.
+
+use mirrorball_calib::pose::Pose;
 
 use crate::camera_view::CameraView;
+use crate::codes::Codes;
 use crate::config::LightConfig;
+use crate::config::{ModeConfig, PhantomsInVr};
 use crate::environments::Environments;
 use crate::error::RenderError;
+use crate::eye_view::EyeView;
 use crate::gpu::Gpu;
+use crate::gpu::timer::Timer;
+use crate::mode::Surround;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
+use crate::passes::display::{self, Display};
 use crate::passes::lens_surface::LensSurface;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
@@ -18,9 +26,48 @@ use crate::scene_gpu::SceneBuffers;
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::{EyeShadows, EyeSurfaces, SceneShadows};
 
+/// How a picture is finished.
+#[derive(Debug)]
+pub enum Finish {
+    /// Into the camera's picture.
+    Picture(Box<Composite>),
+    /// For a display without one.
+    Display(Box<Display>),
+}
+
+impl Finish {
+    /// The finished picture.
+    #[must_use]
+    pub fn codes(&self) -> &Codes {
+        match self {
+            Self::Picture(composite) => composite.codes(),
+            Self::Display(display) => display.codes(),
+        }
+    }
+
+    /// Mixes.
+    pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        match self {
+            Self::Picture(composite) => composite.record(encoder, timer),
+            Self::Display(display) => display.record(encoder, timer),
+        }
+    }
+}
+
+/// What hides virtual objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Hiding {
+    /// Phantoms.
+    Phantoms,
+    /// Nothing: no real thing is shown.
+    Nothing,
+}
+
 /// The passes of one picture, in their order.
 #[derive(Debug)]
 pub struct Eye {
+    /// What it sees of the real things; `None` for the scene camera itself.
+    pub own: Option<EyeView>,
     /// Places and normals of the virtual objects.
     pub virtuals: LensSurface,
     /// Light on the phantoms and on the virtual objects.
@@ -36,13 +83,14 @@ pub struct Eye {
     /// Virtual objects as radiance.
     pub shade: Shade,
     /// The finished picture.
-    pub composite: Composite,
+    pub finish: Finish,
+    hiding: Hiding,
 }
 
 /// What an eye looks at.
 #[derive(Debug, Clone, Copy)]
 pub struct EyeInputs<'a> {
-    /// Camera, picture and real things.
+    /// What the scene camera sees.
     pub view: &'a CameraView,
     /// All objects, for rasters.
     pub scene: &'a SceneBuffers,
@@ -56,21 +104,23 @@ pub struct EyeInputs<'a> {
     pub shadows: &'a SceneShadows,
     /// How light reaches the objects.
     pub light: LightConfig,
+    /// What stands around them.
+    pub mode: &'a ModeConfig,
 }
 
 impl Eye {
-    /// Prepares all passes.
+    /// Prepares all passes for the scene camera itself or for an eye with its `own` view.
     ///
     /// # Errors
     /// [`RenderError::TooLarge`] or [`RenderError::Shadow`] where adapter or shadow method cannot take the scene.
-    pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>) -> Result<Self, RenderError> {
+    pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, own: Option<EyeView>) -> Result<Self, RenderError> {
         let EyeInputs {
-            view,
             scene,
             environments,
             shadows,
             ..
         } = inputs;
+        let view = own.as_ref().map_or(inputs.view, |own| &own.view);
         let size_px = view.size_px();
         let virtuals = LensSurface::new(gpu, "lens_surface: virtual objects", (&view.camera, scene), size_px);
         let light_on = [&view.phantoms, &virtuals].map(|surface| ShadowedLight::new(gpu, surface.views()));
@@ -91,16 +141,61 @@ impl Eye {
             light: inputs.light,
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
+        let real = RealRadiance::new(gpu, view, receive.ratio());
+        let finish = match inputs.mode.name.surround() {
+            Surround::Picture => {
+                let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
+                Finish::Picture(Box::new(composite))
+            }
+            Surround::Backdrop | Surround::Nothing => {
+                let inputs_of_display = display::Inputs {
+                    camera: &view.camera,
+                    shade: &shade,
+                    receive: &receive,
+                    real: &real,
+                    light: &light_on[0],
+                    probe_radiance: inputs.probe_radiance,
+                };
+                Finish::Display(Box::new(Display::new(gpu, inputs_of_display, (inputs.mode, size_px))))
+            }
+        };
+        let hiding = match (inputs.mode.name.surround(), inputs.mode.phantoms) {
+            (Surround::Backdrop, PhantomsInVr::LeftOut) => Hiding::Nothing,
+            (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Hiding::Phantoms,
+        };
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            real: RealRadiance::new(gpu, view, receive.ratio()),
-            composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
+            real,
+            finish,
+            hiding,
             shadows: eye_shadows,
             virtuals,
             light_on,
             receive,
             shade,
+            own,
         })
+    }
+
+    /// Where the eye is when the scene camera is at `camera_from_world`.
+    #[must_use]
+    pub fn from_world(&self, camera_from_world: &Pose) -> Pose {
+        self.own
+            .as_ref()
+            .map_or(*camera_from_world, |own| own.eye_from_camera * *camera_from_world)
+    }
+
+    /// Draws what hides virtual objects.
+    pub fn record_depth(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer, scene: &SceneBuffers) {
+        match self.hiding {
+            Hiding::Phantoms => self.depth.record(encoder, timer, scene),
+            Hiding::Nothing => self.depth.record_empty(encoder, timer),
+        }
+    }
+
+    /// Empties what the finished picture reads: no virtual object, and no change of light.
+    pub fn record_nothing(&self, encoder: &mut wgpu::CommandEncoder) {
+        Gpu::clear(encoder, &[self.shade.radiance(), self.receive.ratio()]);
     }
 
     /// Shadows by the method that `shadows` has changed to.
@@ -110,9 +205,10 @@ impl Eye {
     pub fn renew_shadows(
         &mut self,
         gpu: &Gpu,
-        (view, scene): (&CameraView, &SceneBuffers),
+        (seen, scene): (&CameraView, &SceneBuffers),
         shadows: &SceneShadows,
     ) -> Result<(), RenderError> {
+        let view = self.own.as_ref().map_or(seen, |own| &own.view);
         let surfaces = EyeSurfaces {
             surfaces: [&view.phantoms, &self.virtuals],
             targets: &self.light_on,

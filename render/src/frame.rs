@@ -8,7 +8,9 @@ use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
 use crate::error::RenderError;
+use crate::gpu::Gpu;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
+use crate::mode::Viewers;
 use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::probe::Light;
 use crate::scene_shadows::ShadowFrame;
@@ -53,7 +55,10 @@ impl RenderNode {
             }
             (_, light) => {
                 self.light = light;
-                untouched(frame)
+                match (self.work, self.mode().viewers()) {
+                    (Work::LightOnly, _) | (_, Viewers::Camera) => untouched(frame),
+                    (Work::Everything, Viewers::OneEye | Viewers::TwoEyes) => self.draw_without_scene()?,
+                }
             }
         };
         stages_ms.push(("draw", ms_since(begun)));
@@ -64,7 +69,8 @@ impl RenderNode {
             timestamp_ns: frame.meta.timestamp_ns,
             pose,
             light: self.light_report(),
-            size_px: self.rig.scene_camera().intrinsics.size_px,
+            mode: self.mode(),
+            size_px: self.size_px(),
             rgba,
             stages_ms,
         })
@@ -90,6 +96,17 @@ impl RenderNode {
         let gpu = &self.gpu;
         let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
         gpu.write(&self.seen.camera, &[camera]);
+        for eye in &self.eyes {
+            if let Some(own) = &eye.own {
+                let eye_from_world = eye.from_world(camera_from_world);
+                gpu.write(
+                    &own.view.camera,
+                    &[self.gpu_camera(&own.view.model, &eye_from_world, frame)],
+                );
+            }
+        }
+        let probe_m = self.probe.optics().position_m();
+        gpu.write(&self.room, &[probe_m.extend(light.room_m)]);
         self.pictures.radiance.upload(gpu, &light.radiance, &light.strong);
         self.pictures.far.upload(gpu, &light.far, &light.strong);
         self.pictures.behind.upload(gpu, &light.behind, &light.strong);
@@ -115,6 +132,9 @@ impl RenderNode {
             .phantoms
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
         for eye in &self.eyes {
+            if let Some(own) = &eye.own {
+                own.record(&mut surfaces, timer, scene);
+            }
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
             eye.receive.write(gpu, &of_frame);
         }
@@ -132,17 +152,53 @@ impl RenderNode {
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
         for eye in &mut self.eyes {
-            let job = (&mut eye.shadows, &shadow_frame, camera_from_world);
+            let eye_from_world = eye.from_world(camera_from_world);
+            let job = (&mut eye.shadows, &shadow_frame, &eye_from_world);
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
             eye.receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
-            eye.depth.record(&mut encoder, timer, scene);
+            eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
-            eye.composite.record(&mut encoder, timer);
+            eye.finish.record(&mut encoder, timer);
+        }
+        self.insets.record(&mut encoder, timer);
+        for eye in &self.eyes {
+            eye.finish.codes().record(&mut encoder);
         }
         timer.record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
-        self.eyes[0].composite.read(gpu)
+        self.read_picture()
+    }
+
+    /// The eyes' pictures while there is no pose or no light: real things as far away as the room, no virtual ones.
+    fn draw_without_scene(&mut self) -> Result<Vec<u8>, RenderError> {
+        let (gpu, timer) = (&self.gpu, &mut self.timer);
+        let mut encoder = gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        Gpu::clear(&mut encoder, &[self.seen.phantoms.views().place]);
+        for eye in &self.eyes {
+            if let Some(own) = &eye.own {
+                own.record_flat(&mut encoder, timer);
+            }
+            eye.record_nothing(&mut encoder);
+            eye.finish.record(&mut encoder, timer);
+            eye.finish.codes().record(&mut encoder);
+        }
+        timer.record(&mut encoder);
+        gpu.queue.submit([encoder.finish()]);
+        self.read_picture()
+    }
+
+    /// The finished pictures of all eyes, side by side.
+    fn read_picture(&self) -> Result<Vec<u8>, RenderError> {
+        let [width, height] = self.size_px();
+        let mut rgba = vec![0; 4 * (width * height) as usize];
+        for (index, eye) in self.eyes.iter().enumerate() {
+            let place = (index, self.eyes.len());
+            eye.finish.codes().read_beside(&self.gpu, &mut rgba, place)?;
+        }
+        Ok(rgba)
     }
 
     pub(crate) fn gpu_camera(&self, camera: &Camera, camera_from_world: &Pose, frame: &Frame) -> GpuCamera {

@@ -17,6 +17,8 @@ use mirrorball_render::config::RenderConfig;
 use mirrorball_render::environment_in;
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
+use mirrorball_render::insets::{Buffer, Insets};
+use mirrorball_render::mode::{Mode, Surround};
 use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
@@ -39,6 +41,14 @@ struct Arguments {
     /// key S goes through all.
     #[arg(long, value_name = "METHOD")]
     shadow: Option<ShadowMethod>,
+    /// What is shown, in place of the settings' `mode.name`: see-through, stereo (side by side), vr, vr-stereo, optical,
+    /// optical-stereo.
+    #[arg(long, value_name = "MODE")]
+    mode: Option<Mode>,
+    /// Buffers between the passes to draw small into the picture, sixteen at most, from its top left in rows of four: ratio,
+    /// virtual, coverage, ...; a wrong name lists all. In a window the key D goes through them.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    show: Vec<Buffer>,
     /// Settings; see `configs/render.toml`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -99,6 +109,7 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         .as_deref()
         .map_or_else(|| Ok(RenderConfig::default()), RenderConfig::load)?;
     config.shadow.method = arguments.shadow.unwrap_or(config.shadow.method);
+    config.mode.name = arguments.mode.unwrap_or(config.mode.name);
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
@@ -126,7 +137,17 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     if let Some(radiance) = given {
         node = node.with_light(radiance);
     }
-    tracing::info!(adapter = node.adapter_name(), "render node ready");
+    if arguments.show.len() > Insets::MOST {
+        tracing::warn!(
+            most = Insets::MOST,
+            "only the first buffers of `--show` have a place in the picture"
+        );
+    }
+    node.show(&arguments.show);
+    say_ready(&node);
+    if node.mode().surround() == Surround::Nothing {
+        tracing::info!("shadows are off: a display that one looks through adds light and takes none away");
+    }
     let mut app = App::new(node, frames, sinks);
     let stop = stop_flag()?;
     let should_stop = || stop.load(Ordering::Relaxed);
@@ -145,6 +166,20 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         "done"
     );
     Ok(())
+}
+
+fn say_ready(node: &RenderNode) {
+    const MIB: u64 = 1 << 20;
+    let (adapter, mode) = (node.adapter_name(), node.mode());
+    let Some(memory) = node.gpu().memory() else {
+        tracing::info!(adapter, %mode, "render node ready");
+        return;
+    };
+    let used_mib = memory.used_bytes.div_ceil(MIB);
+    tracing::info!(adapter, %mode, "render node ready: GPU memory {used_mib} MiB");
+    for (pass, bytes) in &memory.by_pass {
+        tracing::debug!("GPU memory of `{pass}`: {:.2} MiB", *bytes as f64 / MIB as f64);
+    }
 }
 
 /// How long to wait for a frame before saying so.

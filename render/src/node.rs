@@ -11,14 +11,18 @@ use crate::config::RenderConfig;
 use crate::environments::{CubeTexture, Environments};
 use crate::error::RenderError;
 use crate::eye::{Eye, EyeInputs};
+use crate::eye_view::{EyeView, eye_places_m};
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
+use crate::insets::{Buffer, Insets, Sources};
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
+use crate::mode::Mode;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
+use crate::passes::reproject::room_buffer;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
@@ -44,9 +48,11 @@ pub struct RenderedFrame {
     pub pose: TrackedPose,
     /// The light it was rendered with; `None` before any was measured: the picture is the camera's own then.
     pub light: Option<LightReport>,
-    /// Columns and rows.
+    /// How it was made.
+    pub mode: Mode,
+    /// Columns and rows, all eyes side by side.
     pub size_px: [u32; 2],
-    /// The picture, 8-bit RGBA, rows from the top, encoded as the camera encodes.
+    /// The picture, 8-bit RGBA, rows from the top: encoded as the camera encodes, in VR and optical modes in sRGB.
     pub rgba: Vec<u8>,
     /// Milliseconds: `track`, `light`, `draw` and `total` by the clock, then every pass by the GPU under its own name.
     pub stages_ms: Vec<(&'static str, f64)>,
@@ -122,8 +128,12 @@ pub struct RenderNode {
     pub(crate) passes: Passes,
     /// What the scene camera sees.
     pub(crate) seen: CameraView,
-    /// The pictures that are made.
+    /// The pictures that are made, left to right.
     pub(crate) eyes: Vec<Eye>,
+    /// Buffers that the picture shows.
+    pub(crate) insets: Insets,
+    /// Sphere on which real things stand that are no phantoms, uniform.
+    pub(crate) room: wgpu::Buffer,
     pub(crate) scene: SceneBuffers,
     pub(crate) rays: SceneRays,
     /// Where the objects stand, world from object, in the order of the scene.
@@ -189,18 +199,18 @@ impl RenderNode {
         };
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
-        let eye = Eye::new(
-            &gpu,
-            EyeInputs {
-                view: &seen,
-                scene: &buffers,
-                rays: &rays,
-                environments: &environments,
-                probe_radiance: &pictures.radiance.view,
-                shadows: &shadows,
-                light: config.light,
-            },
-        )?;
+        let room = room_buffer(&gpu, config.probe.room_distance_m);
+        let eye_inputs = EyeInputs {
+            view: &seen,
+            scene: &buffers,
+            rays: &rays,
+            environments: &environments,
+            probe_radiance: &pictures.radiance.view,
+            shadows: &shadows,
+            light: config.light,
+            mode: &config.mode,
+        };
+        let eyes = eyes(&gpu, eye_inputs, &room)?;
         Ok(Self {
             tracker: Tracker::new(&rig),
             timer: Timer::new(&gpu),
@@ -227,7 +237,9 @@ impl RenderNode {
             pictures,
             passes,
             seen,
-            eyes: vec![eye],
+            eyes,
+            insets: Insets::default(),
+            room,
             scene: buffers,
             rays,
             placements,
@@ -248,6 +260,39 @@ impl RenderNode {
             given_light: Some(radiance),
             ..self
         }
+    }
+
+    /// The mode.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.config.mode.name
+    }
+
+    /// Shows these buffers from now on, in the first eye's picture; the first [`Insets::MOST`] of them.
+    pub fn show(&mut self, buffers: &[Buffer]) {
+        let sources = Sources {
+            eye: &self.eyes[0],
+            seen: &self.seen,
+            environments: &self.environments,
+            pictures: &self.pictures,
+        };
+        self.insets = Insets::new(&self.gpu, buffers, &sources);
+    }
+
+    /// The buffers that are shown.
+    #[must_use]
+    pub fn shown(&self) -> &[Buffer] {
+        self.insets.buffers()
+    }
+
+    /// Columns and rows of finished pictures, all eyes side by side.
+    #[must_use]
+    pub fn size_px(&self) -> [u32; 2] {
+        let [width, height] = match self.work {
+            Work::Everything => self.eyes[0].finish.codes().size_px(),
+            Work::LightOnly => return self.seen.size_px(),
+        };
+        [width * self.eyes.len() as u32, height]
     }
 
     /// The shadow method in use.
@@ -341,6 +386,27 @@ impl RenderNode {
         check_size(frame, camera)?;
         Ok(frame)
     }
+}
+
+/// The scene camera as the only eye, or the mode's own eyes.
+fn eyes(gpu: &Gpu, inputs: EyeInputs<'_>, room: &wgpu::Buffer) -> Result<Vec<Eye>, RenderError> {
+    let places_m = eye_places_m(inputs.mode);
+    if places_m.is_empty() {
+        return Ok(vec![Eye::new(gpu, inputs, None)?]);
+    }
+    let limits = gpu.device.limits();
+    let size_px = inputs.mode.eye_size_px.unwrap_or(inputs.view.size_px());
+    let edge_px = size_px[0].max(size_px[1]);
+    gpu.within(
+        "an edge of an eye's picture in pixels (`mode.eye_size_px`)",
+        u64::from(edge_px),
+        u64::from(limits.max_texture_dimension_2d),
+    )?;
+    let own = |&eye_m: &[f64; 3]| EyeView::new(gpu, (inputs.view, room), inputs.scene, (inputs.mode, eye_m));
+    places_m
+        .iter()
+        .map(|eye_m| Eye::new(gpu, inputs, Some(own(eye_m))))
+        .collect()
 }
 
 fn strong_report(light: &Light, of: &StrongLight) -> StrongReport {

@@ -263,6 +263,9 @@ fn write_layer(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, rgba: &[u8]) {
     );
 }
 
+/// Format of pictures.
+const PICTURE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Uint;
+
 /// A camera's latest picture with its response table.
 #[derive(Debug)]
 pub struct PictureBuffers {
@@ -279,13 +282,26 @@ impl PictureBuffers {
     #[must_use]
     pub fn new(gpu: &Gpu, camera: &Camera) -> Self {
         let shape = TextureShape::plain(camera.intrinsics.size_px);
-        let texture = gpu.texture("picture", shape, wgpu::TextureFormat::Rgba8Uint);
+        let texture = gpu.texture("picture", shape, PICTURE_FORMAT);
         let [width, height] = camera.intrinsics.size_px;
         Self {
             view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
             texture,
             response: gpu.buffer("picture: response", camera.photometry.response.table()),
             rgba: vec![255; 4 * (width * height) as usize],
+        }
+    }
+
+    /// Room for pictures that a pass draws as this camera would take them.
+    #[must_use]
+    pub fn drawn(gpu: &Gpu, camera: &Camera) -> Self {
+        let shape = TextureShape::plain(camera.intrinsics.size_px);
+        let texture = gpu.target("picture: drawn", shape, PICTURE_FORMAT);
+        Self {
+            view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            texture,
+            response: gpu.buffer("picture: response", camera.photometry.response.table()),
+            rgba: Vec::new(),
         }
     }
 

@@ -171,7 +171,7 @@ fn both_cubes(gpu: &Gpu, case: &ProbeCase, near_m: &Cube<f32>) -> [Cube<Vec4>; 2
     let probe = gpu_probe(&case.optics, camera.position_m.truncate(), config, place);
     let mut picture = PictureBuffers::new(gpu, &case.camera);
     picture.upload(gpu, &case.frame);
-    let pass = RadianceMap::new(gpu, near_m);
+    let mut pass = RadianceMap::new(gpu, near_m);
     let measured = pass
         .run(gpu, &mut Timer::new(gpu), (&camera, &probe, &picture))
         .expect("the device works");
@@ -457,8 +457,9 @@ fn composite_equals_its_twin() {
         .device
         .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
+    pass.codes().record(&mut encoder);
     stage.gpu.queue.submit([encoder.finish()]);
-    let rgba = pass.read(&stage.gpu).unwrap();
+    let rgba = pass.codes().read(&stage.gpu).unwrap();
     let mut errors = Vec::new();
     for i in 0..n {
         let code = [codes[3 * i], codes[3 * i + 1], codes[3 * i + 2]];

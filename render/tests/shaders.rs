@@ -10,6 +10,7 @@ use mirrorball_render::gpu::types::{
 };
 use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
+use mirrorball_render::passes::inset::GpuTile;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
 use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
@@ -142,6 +143,7 @@ fn shared_structs_have_one_layout() {
         }
     );
     assert_same_layout!("receive", "Frame", GpuFrame { counts, ball_m });
+    assert_same_layout!("inset", "Tile", GpuTile { place_px, parameters });
     assert_same_layout!(
         "receive",
         "Object",

@@ -119,7 +119,7 @@ impl Ball {
     }
 
     /// Measures the cube; the time by the clock includes the copy to memory.
-    fn run(&self, stage: &mut Stage) -> Result<(), RenderError> {
+    fn run(&mut self, stage: &mut Stage) -> Result<(), RenderError> {
         let inputs = (&self.camera, &self.probe, &self.picture);
         self.pass.run(&stage.gpu, &mut stage.timer, inputs).map(|_| ())
     }

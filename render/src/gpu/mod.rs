@@ -1,11 +1,13 @@
 //! The graphics device and what every pass needs of it.
 
+pub mod memory;
 pub mod pass;
 pub mod readback;
 pub mod shader;
 pub mod timer;
 pub mod types;
 
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::RenderError;
@@ -25,6 +27,8 @@ pub struct Gpu {
     pub name: String,
     /// Whether passes can be timed on the device.
     pub has_timestamps: bool,
+    /// Buffers, textures, pipelines, samplers and bindings made so far.
+    n_made: AtomicU64,
     /// The first thing that the device complained of.
     complaint: Arc<Mutex<Option<String>>>,
 }
@@ -77,6 +81,7 @@ impl Gpu {
             queue,
             name,
             has_timestamps,
+            n_made: AtomicU64::new(0),
             complaint,
         })
     }

@@ -24,6 +24,7 @@ impl Gpu {
     /// A buffer for any use on the GPU, filled with `items` (at least one).
     #[must_use]
     pub fn buffer<T: Pod>(&self, label: &str, items: &[T]) -> wgpu::Buffer {
+        self.count_made();
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some(label),
             contents: bytemuck::cast_slice(items),
@@ -39,6 +40,7 @@ impl Gpu {
     /// A buffer that passes write and read, filled with zeros.
     #[must_use]
     pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
+        self.count_made();
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: bytes,
@@ -86,6 +88,7 @@ impl Gpu {
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
     ) -> wgpu::Texture {
+        self.count_made();
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d {
@@ -111,6 +114,7 @@ impl Gpu {
     /// The same with values for the shader's pipeline constants.
     #[must_use]
     pub fn compute_pipeline_variant(&self, name: &'static str, constants: &[(&str, f64)]) -> wgpu::ComputePipeline {
+        self.count_made();
         self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(name),
             layout: None,
@@ -144,6 +148,7 @@ impl Gpu {
             .iter()
             .map(|&format| Some(wgpu::ColorTargetState::from(format)))
             .collect();
+        self.count_made();
         self.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(name),
             layout: None,
@@ -198,6 +203,7 @@ impl Gpu {
                 resource: resource.clone(),
             })
             .collect();
+        self.count_made();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(label),
             layout,
@@ -205,9 +211,29 @@ impl Gpu {
         })
     }
 
+    /// Sets all texels of `views`, targets of one sample each, to 0.
+    pub fn clear(encoder: &mut wgpu::CommandEncoder, views: &[&wgpu::TextureView]) {
+        for view in views {
+            let _ = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("clear"),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+        }
+    }
+
     /// A sampler that filters linearly between texels and mips and clamps at the edges.
     #[must_use]
     pub fn linear_sampler(&self) -> wgpu::Sampler {
+        self.count_made();
         self.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("linear"),
             mag_filter: wgpu::FilterMode::Linear,

@@ -6,6 +6,15 @@ use glam::Vec4;
 use super::Gpu;
 use crate::error::RenderError;
 
+const DURING: &str = "reading a result back";
+
+fn failed(message: String) -> RenderError {
+    RenderError::Gpu {
+        during: DURING,
+        message,
+    }
+}
+
 /// A buffer of the GPU with its twin that memory can read; made once, used every frame.
 #[derive(Debug)]
 pub struct Readback {
@@ -29,6 +38,7 @@ impl Readback {
 
     fn with_usage(gpu: &Gpu, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> Self {
         let buffer = |usage| {
+            gpu.count_made();
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size: bytes,
@@ -59,11 +69,18 @@ impl Readback {
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn read<T: Pod>(&self, gpu: &Gpu, out: &mut [T]) -> Result<(), RenderError> {
-        const DURING: &str = "reading a result back";
-        let failed = |message: String| RenderError::Gpu {
-            during: DURING,
-            message,
-        };
+        let out = bytemuck::cast_slice_mut(out);
+        if out.len() as u64 != self.bytes {
+            return Err(failed(format!("{} bytes wanted, {} there", out.len(), self.bytes)));
+        }
+        self.read_with(gpu, |bytes| out.copy_from_slice(bytes))
+    }
+
+    /// Waits for the submitted work and shows the result's bytes to `take`.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the device is lost.
+    pub fn read_with(&self, gpu: &Gpu, take: impl FnOnce(&[u8])) -> Result<(), RenderError> {
         let (sender, receiver) = std::sync::mpsc::channel();
         self.mapped.map_async(wgpu::MapMode::Read, .., move |result| {
             // The receiver waits below; when it is gone, nobody wants the result.
@@ -75,12 +92,7 @@ impl Readback {
             .map_err(|e| failed(e.to_string()))?
             .map_err(|e| failed(e.to_string()))?;
         let view = self.mapped.get_mapped_range(..).map_err(|e| failed(e.to_string()))?;
-        let bytes: &[u8] = &view;
-        let out = bytemuck::cast_slice_mut(out);
-        if out.len() != bytes.len() {
-            return Err(failed(format!("{} bytes wanted, {} there", out.len(), bytes.len())));
-        }
-        out.copy_from_slice(bytes);
+        take(&view);
         drop(view);
         self.mapped.unmap();
         Ok(())

@@ -36,6 +36,7 @@ pub struct FolderSink {
 struct FrameLine<'a> {
     frame: u64,
     timestamp_ns: u64,
+    mode: &'static str,
     camera_from_world: Option<[[f64; 4]; 4]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<&'a str>,
@@ -188,6 +189,7 @@ fn line_of(frame: &RenderedFrame) -> FrameLine<'_> {
     FrameLine {
         frame: frame.sequence,
         timestamp_ns: frame.timestamp_ns,
+        mode: frame.mode.name(),
         camera_from_world,
         reason,
         reprojection_error_px,

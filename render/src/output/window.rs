@@ -1,5 +1,5 @@
 //! A live window: the picture, and in its title frame rate, latency from frame set to picture, and marker state. Escape quits, S goes to the
-//! next shadow method.
+//! next shadow method, D to the next buffer between the passes.
 
 use std::time::{Duration, Instant};
 
@@ -76,7 +76,7 @@ impl ApplicationHandler for Viewer<'_> {
                         ..
                     },
                 ..
-            } if key.eq_ignore_ascii_case("s") => self.next_shadow_method(event_loop),
+            } => self.press(event_loop, &key),
             WindowEvent::Resized(size) => {
                 if let Some(shown) = &mut self.shown {
                     shown.resize(self.app.node().gpu(), [size.width, size.height]);
@@ -94,8 +94,13 @@ impl ApplicationHandler for Viewer<'_> {
         match self.app.step(PATIENCE) {
             Ok(Step::Rendered(frame)) => {
                 if let Some(shown) = &mut self.shown {
-                    let method = self.app.node().shadow_method();
-                    shown.set_title(&format!("{}, shadows: {}", self.rate.title(&frame), method.name()));
+                    let node = self.app.node();
+                    let mut title = format!("{}, shadows: {}", self.rate.title(&frame), node.shadow_method().name());
+                    for buffer in node.shown() {
+                        title += ", shown: ";
+                        title += buffer.name();
+                    }
+                    shown.set_title(&title);
                     let result = shown.show(self.app.node().gpu(), frame.size_px, &frame.rgba);
                     if let Err(error) = result {
                         self.stop(event_loop, Err(error));
@@ -135,6 +140,14 @@ impl Viewer<'_> {
                     return;
                 }
             }
+        }
+    }
+
+    fn press(&mut self, event_loop: &ActiveEventLoop, key: &str) {
+        if key.eq_ignore_ascii_case("s") {
+            self.next_shadow_method(event_loop);
+        } else if key.eq_ignore_ascii_case("d") {
+            self.app.show_next_buffer();
         }
     }
 

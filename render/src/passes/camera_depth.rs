@@ -50,6 +50,15 @@ impl CameraDepth {
 
     /// Draws the phantoms.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer, scene: &SceneBuffers) {
+        self.record_range(encoder, timer, Some(scene));
+    }
+
+    /// Draws nothing: nothing hides virtual objects.
+    pub fn record_empty(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        self.record_range(encoder, timer, None);
+    }
+
+    fn record_range(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer, scene: Option<&SceneBuffers>) {
         let span = timer.span("camera_depth");
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("camera_depth"),
@@ -64,8 +73,10 @@ impl CameraDepth {
             timestamp_writes: span.render(Ends::Both),
             ..wgpu::RenderPassDescriptor::default()
         });
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &self.bindings, &[]);
-        scene.phantoms.draw(&mut pass, &scene.vertices);
+        if let Some(scene) = scene {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.bindings, &[]);
+            scene.phantoms.draw(&mut pass, &scene.vertices);
+        }
     }
 }

@@ -19,6 +19,8 @@ use mirrorball_calib::probe::radiance_map::{OUTLINE_RAMP_PX, RIM_RAMP_PX};
 #[derive(Debug)]
 pub struct RadianceMap {
     pipeline: wgpu::ComputePipeline,
+    /// Bindings of every picture that was looked at.
+    bindings: Vec<(wgpu::TextureView, wgpu::BindGroup)>,
     camera: wgpu::Buffer,
     probe: wgpu::Buffer,
     near_m: wgpu::Buffer,
@@ -33,6 +35,7 @@ impl RadianceMap {
         let texels = near_m.texels().len();
         Self {
             pipeline: gpu.compute_pipeline("radiance_map"),
+            bindings: Vec::new(),
             camera: gpu.buffer("radiance_map: camera", &[<GpuCamera as bytemuck::Zeroable>::zeroed()]),
             probe: gpu.buffer("radiance_map: probe", &[<GpuProbe as bytemuck::Zeroable>::zeroed()]),
             near_m: gpu.buffer("radiance_map: distances", near_m.texels()),
@@ -53,7 +56,7 @@ impl RadianceMap {
     /// # Errors
     /// [`RenderError::Gpu`] when the device is lost.
     pub fn run(
-        &self,
+        &mut self,
         gpu: &Gpu,
         timer: &mut Timer,
         inputs: (&GpuCamera, &GpuProbe, &PictureBuffers),
@@ -61,6 +64,34 @@ impl RadianceMap {
         let (camera, probe, picture) = inputs;
         gpu.write(&self.camera, &[*camera]);
         gpu.write(&self.probe, &[*probe]);
+        let index = self.bindings_of(gpu, picture);
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
+            label: Some("radiance_map"),
+        });
+        {
+            let span = timer.span("radiance_map");
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("radiance_map"),
+                timestamp_writes: span.compute(Ends::Both),
+            });
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.bindings[index].1, &[]);
+            pass.dispatch_workgroups(groups(self.cube_size), groups(self.cube_size), FACES as u32);
+        }
+        self.out.record(&mut encoder);
+        gpu.queue.submit([encoder.finish()]);
+        let mut out = vec![Vec4::ZERO; FACES * (self.cube_size * self.cube_size) as usize];
+        self.out.read(gpu, &mut out)?;
+        Ok(out)
+    }
+}
+
+impl RadianceMap {
+    /// Index of the bindings of a picture, made when it is first looked at: one per camera of the rig.
+    fn bindings_of(&mut self, gpu: &Gpu, picture: &PictureBuffers) -> usize {
+        if let Some(index) = self.bindings.iter().position(|(view, _)| *view == picture.view) {
+            return index;
+        }
         let bindings = gpu.bind(
             "radiance_map",
             &self.pipeline.get_bind_group_layout(0),
@@ -73,24 +104,8 @@ impl RadianceMap {
                 self.out.buffer().as_entire_binding(),
             ],
         );
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
-            label: Some("radiance_map"),
-        });
-        {
-            let span = timer.span("radiance_map");
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("radiance_map"),
-                timestamp_writes: span.compute(Ends::Both),
-            });
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.dispatch_workgroups(groups(self.cube_size), groups(self.cube_size), FACES as u32);
-        }
-        self.out.record(&mut encoder);
-        gpu.queue.submit([encoder.finish()]);
-        let mut out = vec![Vec4::ZERO; FACES * (self.cube_size * self.cube_size) as usize];
-        self.out.read(gpu, &mut out)?;
-        Ok(out)
+        self.bindings.push((picture.view.clone(), bindings));
+        self.bindings.len() - 1
     }
 }
 

@@ -1,11 +1,12 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs` and
-//! `tests/comparison_maps.rs` compare the three.
-//! Passes that only draw (`camera_depth`, `present`) have none.
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs`,
+//! `tests/comparison_maps.rs` and `tests/modes.rs` compare the three.
+//! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
 pub mod composite;
 pub mod cylindrical;
+pub mod display;
 pub mod dome_maps;
 pub mod downsample;
 pub mod harmonics;
@@ -17,6 +18,7 @@ pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod real_radiance;
 pub mod receive;
+pub mod reproject;
 pub mod separable_blur;
 pub mod shadow_rays;
 pub mod shadow_wedges;

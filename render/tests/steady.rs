@@ -1,0 +1,128 @@
+//! Steady state: frame after frame the node makes no object on the GPU and keeps no more memory than before.
+//!
+//! A program of its own: it counts every allocation of the process.
+
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+
+use glam::{DVec3, Vec3};
+use mirrorball_capture::frame::FrameSet;
+use mirrorball_render::config::{RenderConfig, SceneCamera};
+use mirrorball_render::mode::Mode;
+use mirrorball_render::node::RenderNode;
+use mirrorball_render::scene::Kind;
+
+/// The system's allocator, counted. The counts are read between frames; each stands for itself, so nothing is ordered.
+struct Counting;
+
+static N_ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+static LIVE_BYTES: AtomicI64 = AtomicI64::new(0);
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+#[expect(unsafe_code, reason = "an allocator that counts can be written in no other way")]
+// SAFETY: every call goes to the system's allocator with its arguments as they are.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        N_ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        LIVE_BYTES.fetch_add(layout.size() as i64, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        LIVE_BYTES.fetch_sub(layout.size() as i64, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `dealloc`; the block came from the system's allocator.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+/// What the process and the device hold after a frame.
+#[derive(Debug, Clone, PartialEq)]
+struct Held {
+    live_bytes: i64,
+    gpu_objects: u64,
+    gpu_bytes: Option<u64>,
+}
+
+fn held(node: &RenderNode) -> Held {
+    node.gpu().wait("counting").unwrap();
+    Held {
+        live_bytes: LIVE_BYTES.load(Ordering::Relaxed),
+        gpu_objects: node.gpu().n_made(),
+        gpu_bytes: node.gpu().memory().map(|memory| memory.own_bytes()),
+    }
+}
+
+/// Frame sets under a sky that changes, so that every frame measures the light anew.
+fn frame_sets(rig: &mirrorball_calib::rig::Rig, n: u64) -> Vec<FrameSet> {
+    let from = DVec3::new(0.05, -0.30, 0.34);
+    let world_from_camera = support::looking_at(DVec3::new(0.03, 0.0, 0.0), from).inverse();
+    let scene = support::frame(rig.scene_camera(), 0, 2, |ray| {
+        let direction = world_from_camera.transform_vector(ray);
+        let ground = from - direction * (from.z / direction.z);
+        DVec3::splat(3.0 * support::ground_reflectance(rig, ground))
+    });
+    (0..n)
+        .map(|sequence| {
+            let sky = 2.0 + 0.1 * (sequence % 5) as f64;
+            let mut scene = scene.clone();
+            scene.meta.sequence = sequence;
+            scene.meta.timestamp_ns = 40_000_000 * sequence;
+            let probe = support::frame(rig.probe_camera().unwrap(), sequence, 1, |_| DVec3::splat(sky));
+            FrameSet {
+                frames: vec![scene, probe],
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn frame_after_frame_nothing_grows() {
+    /// Frames until buffers that are kept have grown to their size, and until the averages of the light are full.
+    const WARM: usize = 10;
+    const MEASURED: usize = 20;
+    let Some(gpu) = support::gpu() else { return };
+    let rig = support::rig();
+    let scene = support::scene([
+        ("ground", Kind::Phantom, support::square(Vec3::ZERO, Vec3::X, Vec3::Y)),
+        (
+            "sphere",
+            Kind::Virtual,
+            support::sphere(Vec3::new(0.03, 0.02, 0.06), 0.03, 16, support::mirror()),
+        ),
+    ]);
+    let mut config = RenderConfig::default();
+    config.probe.cube_size = 32;
+    config.probe.scene_camera = SceneCamera::Ignored;
+    config.mode.name = Mode::Stereo;
+    let mut node = RenderNode::new(gpu, rig.clone(), &scene, config).unwrap();
+    node.show(&["ratio".parse().unwrap()]);
+    let sets = frame_sets(&rig, (WARM + MEASURED) as u64);
+    for set in &sets[..WARM] {
+        assert!(node.render(set).unwrap().pose.camera_from_world().is_some());
+    }
+    let before = held(&node);
+    let n_before = N_ALLOCATIONS.load(Ordering::Relaxed);
+    for set in &sets[WARM..] {
+        node.render(set).unwrap();
+    }
+    let per_frame = (N_ALLOCATIONS.load(Ordering::Relaxed) - n_before) / MEASURED as u64;
+    let after = held(&node);
+    println!("{per_frame} allocations per frame; {before:?}, then {after:?}");
+    if let Some(memory) = node.gpu().memory() {
+        println!("GPU memory: {memory:#?}");
+    }
+    assert_eq!(after.gpu_objects, before.gpu_objects, "objects made on the GPU");
+    assert_eq!(after.gpu_bytes, before.gpu_bytes, "bytes on the GPU");
+    // Lists of lights and readings are as long as the light needs them; the driver keeps its own.
+    const SLACK_BYTES: i64 = 256 * 1024;
+    let grown = after.live_bytes - before.live_bytes;
+    assert!(
+        grown < SLACK_BYTES,
+        "{grown} bytes more in memory after {MEASURED} frames"
+    );
+}

@@ -114,7 +114,9 @@ impl RenderNode {
         self.seen
             .phantoms
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
-        for eye in &self.eyes {
+        let eye_m = camera_from_world.inverse().translation.as_vec3();
+        for eye in &mut self.eyes {
+            eye.shade.sort(scene, &self.placements, eye_m);
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
             eye.receive.write(gpu, &of_frame);
         }

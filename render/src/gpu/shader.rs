@@ -31,6 +31,10 @@ const SHARED: &[(&str, &str)] = &[
     ("scene_ray", include_str!("../../shaders/shared/scene_ray.wgsl")),
     ("seen", include_str!("../../shaders/shared/seen.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
+    (
+        "substance_light",
+        include_str!("../../shaders/shared/substance_light.wgsl"),
+    ),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
     ("wedge", include_str!("../../shaders/shared/wedge.wgsl")),
 ];

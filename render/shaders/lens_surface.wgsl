@@ -2,6 +2,7 @@
 
 #import camera
 #import lights
+#import material
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> objects: array<Object>;
@@ -11,6 +12,10 @@ struct Corner {
     @location(0) place: vec3f,
     @location(1) normal: vec3f,
     @location(2) @interpolate(flat) object: u32,
+    @location(3) @interpolate(flat) material: u32,
+    // Both sets of texture coordinates.
+    @location(4) uvs: vec4f,
+    @location(5) color: vec4f,
 }
 
 struct Targets {
@@ -19,14 +24,32 @@ struct Targets {
 }
 
 @vertex
-fn vertex(@location(0) position: vec3f, @location(1) object: u32, @location(2) normal: vec3f) -> Corner {
+fn vertex(
+    @location(0) position: vec3f,
+    @location(1) object: u32,
+    @location(2) normal: vec3f,
+    @location(3) material: u32,
+    @location(4) uv: vec2f,
+    @location(5) uv1: vec2f,
+    @location(7) color: vec4f,
+) -> Corner {
     let world_from_object = objects[object].world_from_object;
     let place = (world_from_object * vec4f(position, 1.0)).xyz;
-    return Corner(clip_of(camera, place), place, (world_from_object * vec4f(normal, 0.0)).xyz, object);
+    let direction = (world_from_object * vec4f(normal, 0.0)).xyz;
+    return Corner(clip_of(camera, place), place, direction, object, material, vec4f(uv, uv1), color);
 }
 
 @fragment
-fn fragment(corner: Corner) -> Targets {
+fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> Targets {
+    let spread = vec2f(
+        max(length(dpdx(corner.uvs.xy)), length(dpdy(corner.uvs.xy))),
+        max(length(dpdx(corner.uvs.zw)), length(dpdy(corner.uvs.zw))),
+    );
+    let point = MeshPoint(corner.normal, vec4f(0.0), corner.uvs.xy, corner.uvs.zw, corner.color, corner.material);
+    // Phantoms are whole whatever their files say of sides and alpha.
+    if objects[corner.object].environment.y == 1u && coverage_at(point, spread, is_front) < 0.5 {
+        discard;
+    }
     let to_eye = camera.position_m.xyz - corner.place;
     var normal = normalize(corner.normal);
     if dot(normal, to_eye) < 0.0 {

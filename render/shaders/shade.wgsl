@@ -7,22 +7,20 @@
 
 #import direct
 #import material
+#import substance_light
 
-@group(0) @binding(8) var<storage, read> materials: array<Material>;
-@group(0) @binding(9) var specular: texture_cube_array<f32>;
-@group(0) @binding(10) var linear_sampler: sampler;
-@group(0) @binding(11) var base_colors: texture_2d_array<f32>;
-@group(0) @binding(12) var base_color_sampler: sampler;
-@group(0) @binding(13) var irradiance_cubes: texture_cube_array<f32>;
+@group(0) @binding(8) var specular: texture_cube_array<f32>;
+@group(0) @binding(9) var linear_sampler: sampler;
+@group(0) @binding(10) var irradiance_cubes: texture_cube_array<f32>;
 // Nine coefficients per environment, sixteen apart: all its light.
-@group(0) @binding(14) var<uniform> harmonics: array<vec4f, 256>;
+@group(0) @binding(11) var<uniform> harmonics: array<vec4f, 256>;
 // Two layers per environment: radiance, irradiance.
-@group(0) @binding(15) var sphere_maps: texture_2d_array<f32>;
+@group(0) @binding(12) var sphere_maps: texture_2d_array<f32>;
 
 // Place of the surface that the light from afar belongs to; w: 1 where there is one.
-@group(0) @binding(16) var light_places: texture_2d<f32>;
-// Its normal.
-@group(0) @binding(17) var light_normals: texture_2d<f32>;
+@group(0) @binding(13) var light_places: texture_2d<f32>;
+// xyz: its normal; w: index of the object.
+@group(0) @binding(14) var light_normals: texture_2d<f32>;
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
@@ -121,9 +119,17 @@ fn mapped_irradiance(slot: u32, normal: vec3f, to_eye: vec3f) -> vec3f {
     return max(sum, vec3f(0.0));
 }
 
+// Where the light on a point is stored.
+struct LightPixel {
+    at: vec2i,
+    // Whether it is the light of the same object: not where something half transparent is in front of or behind another.
+    is_own: bool,
+}
+
 // The pixel at or next to `pixel` whose light from afar is that of `point`: at an outline or an edge the pixel's own may
 // belong to another surface, or to none.
-fn light_pixel(pixel: vec2u, point: vec3f, normal: vec3f) -> vec2i {
+fn light_pixel(pixel: vec2u, point: vec3f, normal: vec3f, object: u32) -> LightPixel {
+    const OTHER_OBJECT = 1e3;
     var best = vec2i(pixel);
     var least = 1e9;
     let size = vec2i(textureDimensions(light_places));
@@ -134,16 +140,18 @@ fn light_pixel(pixel: vec2u, point: vec3f, normal: vec3f) -> vec2i {
                 continue;
             }
             let there = textureLoad(light_places, at, 0);
-            let turned = 1.0 - dot(textureLoad(light_normals, at, 0).xyz, normal);
+            let normal_there = textureLoad(light_normals, at, 0);
+            let turned = 1.0 - dot(normal_there.xyz, normal);
             // The pixel itself goes first where it is as near as its neighbours; another side of the object goes last.
-            let off = distance(there.xyz, point) + 0.1 * turned + select(1e-5, 0.0, dx == 0 && dy == 0) + 1e6 * (1.0 - there.w);
+            let off = distance(there.xyz, point) + 0.1 * turned + select(1e-5, 0.0, dx == 0 && dy == 0)
+                + select(OTHER_OBJECT, 0.0, normal_there.w == f32(object)) + 1e6 * (1.0 - there.w);
             if off < least {
                 least = off;
                 best = at;
             }
         }
     }
-    return best;
+    return LightPixel(best, least < OTHER_OBJECT);
 }
 
 // Share of the light from afar that virtual objects let through. Real things are in the map already.
@@ -177,44 +185,77 @@ fn reflected_radiance(slot: u32, point: vec3f, mirrored: vec3f, roughness: f32) 
     return textureSampleLevel(specular, linear_sampler, towards, slot, specular_mip(roughness)).rgb;
 }
 
-fn virtual_radiance(corner: Corner) -> vec3f {
+// Irradiance on a point, virtual lamps included.
+fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
     let slot = objects[corner.object].environment.x;
-    let to_eye = normalize(camera.position_m.xyz - corner.position);
-    var normal = normalize(corner.normal);
-    if dot(normal, to_eye) < 0.0 {
-        // Seen from behind (an open mesh) or an interpolated normal turned away at the outline.
-        normal = normalize(normal - 1.01 * dot(normal, to_eye) * to_eye);
+    let lit = light_pixel(vec2u(corner.clip.xy), corner.position, made.normal, corner.object);
+    if !lit.is_own {
+        // All the light around the object, without shadows.
+        return made.occlusion * mapped_irradiance(slot, made.normal, to_eye);
     }
-    // What a pixel's reflection sweeps is no sharper than a lobe as wide: its deviation is 0.29 of the sweep, that of a
-    // reflected GGX lobe about 3 alpha. The sweep is long and thin at outlines and bent edges, the lobe round: its width
-    // is between the two.
-    let mirrored = reflect(-to_eye, normalize(corner.normal));
-    let swept_rad = sqrt(length(dpdx(mirrored)) * length(dpdy(mirrored)));
-    let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
-    let made = substance_at(MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material));
-    normal = made.normal;
-    var radiance = vec3f(0.0);
-    if made.metallic < 1.0 {
-        let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
-        var irradiance: vec3f;
-        if DIFFUSE == 0u {
-            irradiance = near_irradiance(slot, normal) + textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
-        } else {
-            irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
-        }
-        irradiance += textureLoad(light_lamps, pixel, 0).rgb;
-        radiance += (1.0 - made.metallic) * made.base_color.rgb * irradiance * 0.31830987;
+    var around: vec3f;
+    if DIFFUSE == 0u {
+        around = near_irradiance(slot, made.normal) + textureLoad(light_near, lit.at, 0).rgb + textureLoad(light_with, lit.at, 0).rgb;
+    } else {
+        around = mapped_irradiance(slot, made.normal, to_eye) * share_past_virtual(lit.at);
     }
-    if max(made.f0.r, max(made.f0.g, made.f0.b)) > 0.0 {
-        let split = environment_brdf(made.roughness, max(dot(normal, to_eye), 0.0));
-        let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(made.roughness, least_roughness));
-        radiance += prefiltered * (made.f0 * split.x + split.y * made.f90);
-    }
-    return radiance;
+    return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
 }
 
-// Radiance, and 1 where there is an object.
+// A unit normal on the eye's side: seen from behind (an open mesh), or turned away at the outline by interpolation or by a
+// normal map, it is bent into the outline.
+fn towards_eye(normal: vec3f, to_eye: vec3f) -> vec3f {
+    let cosine = dot(normal, to_eye);
+    return select(normal, normalize(normal - 1.01 * cosine * to_eye), cosine < 0.0);
+}
+
+fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: f32) -> vec3f {
+    let slot = objects[corner.object].environment.x;
+    let to_eye = normalize(camera.position_m.xyz - corner.position);
+    var made = substance_over(point, spread);
+    if made.model == UNLIT {
+        return made.base_color.rgb / camera.signal_per_radiance.y;
+    }
+    made.normal = towards_eye(made.normal, to_eye);
+    made.coat_normal = towards_eye(made.coat_normal, to_eye);
+    // What a pixel's reflection sweeps is no sharper than a lobe as wide: its deviation is 0.29 of the sweep, that of a
+    // reflected GGX lobe about 3 alpha.
+    let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
+    let roughness = max(made.roughness, least_roughness);
+    var light = SurfaceLight(vec3f(0.0), vec3f(0.0), vec3f(0.0), vec3f(0.0));
+    if made.metallic < 1.0 || largest(made.sheen) > 0.0 {
+        light.irradiance = irradiance_on(corner, made, to_eye);
+    }
+    if largest(made.f0) > 0.0 || made.f90 > 0.0 || made.model == GLOSS_IN_ALPHA {
+        light.mirrored = made.occlusion * reflected_radiance(slot, corner.position, reflect(-to_eye, made.normal), roughness);
+    }
+    if made.coat > 0.0 {
+        let mirrored = reflect(-to_eye, made.coat_normal);
+        light.coat_mirrored = made.occlusion * reflected_radiance(slot, corner.position, mirrored, max(made.coat_roughness, least_roughness));
+    }
+    if made.transmission > 0.0 {
+        light.through = reflected_radiance(slot, corner.position, -to_eye, made.roughness);
+    }
+    return sent_radiance(made, to_eye, light);
+}
+
+// Radiance times coverage, and coverage.
 @fragment
-fn fragment(corner: Corner) -> @location(0) vec4f {
-    return vec4f(min(virtual_radiance(corner), vec3f(60000.0)), 1.0);
+fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> @location(0) vec4f {
+    let to_eye = normalize(camera.position_m.xyz - corner.position);
+    let interpolated = normalize(corner.normal);
+    // The sweep is long and thin at outlines and bent edges, the lobe round: its width is between the two.
+    let mirrored = reflect(-to_eye, interpolated);
+    let swept_rad = sqrt(length(dpdx(mirrored)) * length(dpdy(mirrored)));
+    let spread = vec2f(
+        max(length(dpdx(corner.uv)), length(dpdy(corner.uv))),
+        max(length(dpdx(corner.uv1)), length(dpdy(corner.uv1))),
+    );
+    let normal = towards_eye(interpolated, to_eye);
+    let point = MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material);
+    let coverage = coverage_at(point, spread, is_front);
+    if coverage <= 0.0 {
+        discard;
+    }
+    return coverage * vec4f(min(virtual_radiance(corner, point, spread, swept_rad), vec3f(60000.0)), 1.0);
 }

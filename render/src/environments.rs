@@ -117,7 +117,6 @@ impl Environments {
     /// Finds out what stands around every virtual object.
     #[must_use]
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig, occluders: &Occluders) -> Self {
-        let shines = |m: &crate::scene::Material| m.metallic > 0.0 || m.dielectric_f0.iter().any(|&f| f > 0.0);
         let mut slots: Vec<Slot> = scene
             .virtual_objects()
             .take(MAX_ENVIRONMENTS)
@@ -128,7 +127,7 @@ impl Environments {
                     name: object.name.clone(),
                     center_m,
                     radius_m,
-                    is_glossy: object.mesh.materials.iter().any(shines),
+                    is_glossy: object.mesh.materials.iter().any(crate::scene::Material::is_glossy),
                     parameters: gpu.buffer(
                         "environment: parameters",
                         &[<GpuEnvironment as bytemuck::Zeroable>::zeroed()],
@@ -141,7 +140,7 @@ impl Environments {
             // Objects without a slot of their own share the last, whose sphere then holds them too.
             for (_, object) in scene.virtual_objects().skip(MAX_ENVIRONMENTS) {
                 let (center_m, radius_m) = object.bounding_sphere(rig);
-                last.is_glossy |= object.mesh.materials.iter().any(shines);
+                last.is_glossy |= object.mesh.materials.iter().any(crate::scene::Material::is_glossy);
                 last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
             }
         }

@@ -131,7 +131,9 @@ impl RenderNode {
         self.seen
             .phantoms
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
-        for eye in &self.eyes {
+        let eye_m = camera_from_world.inverse().translation.as_vec3();
+        for eye in &mut self.eyes {
+            eye.shade.sort(scene, &self.placements, eye_m);
             if let Some(own) = &eye.own {
                 own.record(&mut surfaces, timer, scene);
             }

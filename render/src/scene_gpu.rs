@@ -1,19 +1,19 @@
 //! The scene and the cameras' pictures as the GPU holds them.
 
-use glam::{Affine3A, Vec4};
+use glam::{Affine3A, Vec3};
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::Frame;
 
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::TextureShape;
-use crate::gpu::types::{GpuMaterial, GpuObject, MAX_ENVIRONMENTS};
+use crate::gpu::types::{GpuObject, MAX_ENVIRONMENTS};
+use crate::scene::material::Alpha;
 use crate::scene::{Kind, Mesh, Scene, Vertex, subdivided};
+use crate::scene_materials::SceneMaterials;
 
 /// Longest edge of a triangle before it is split for the lens, metres.
 const MAX_EDGE_M: f32 = 0.04;
-/// Base colour pictures are scaled to this edge, texels.
-const BASE_COLOR_SIZE: u32 = 1024;
 
 /// All triangles, objects and materials.
 #[derive(Debug)]
@@ -24,12 +24,14 @@ pub struct SceneBuffers {
     pub phantoms: IndexRange,
     /// Triangles of virtual objects.
     pub virtuals: IndexRange,
+    /// Those of them that hide what is behind.
+    pub opaque: IndexRange,
+    /// Those that are blended over what is behind, by object.
+    pub blended: Vec<Blended>,
     /// Placements.
     pub objects: wgpu::Buffer,
-    /// Materials.
-    pub materials: wgpu::Buffer,
-    /// Base colour pictures, one layer each.
-    pub base_colors: wgpu::TextureView,
+    /// Materials with their pictures.
+    pub materials: SceneMaterials,
     /// The vertices in memory.
     kept: Vec<Vertex>,
     /// Indices of every object's triangles.
@@ -51,6 +53,17 @@ pub struct ObjectTriangles<'a> {
     pub slot: u32,
 }
 
+/// An object's triangles that are blended over what is behind them.
+#[derive(Debug)]
+pub struct Blended {
+    /// Index of the object in the scene.
+    pub object: usize,
+    /// The triangles.
+    pub triangles: IndexRange,
+    /// Middle of their corners in the object's frame, metres.
+    pub middle_m: Vec3,
+}
+
 /// Indices of some triangles.
 #[derive(Debug)]
 pub struct IndexRange {
@@ -64,8 +77,8 @@ impl SceneBuffers {
     /// Uploads a scene.
     ///
     /// # Errors
-    /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more base
-    /// colour pictures than the adapter takes.
+    /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more pictures of
+    /// materials than the adapter takes.
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Result<Self, RenderError> {
         let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(rig)).collect();
         Self::placed(gpu, scene, &placements, MAX_EDGE_M)
@@ -81,7 +94,7 @@ impl SceneBuffers {
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
         let mut slots = Vec::with_capacity(scene.objects.len());
-        let (mut objects, mut materials, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut objects, mut materials) = (Vec::new(), Vec::new());
         let mut n_virtual = 0u32;
         for (index, object) in scene.objects.iter().enumerate() {
             let mesh = subdivided(&object.mesh, max_edge_m).ok_or_else(|| RenderError::Mesh {
@@ -107,13 +120,7 @@ impl SceneBuffers {
             of_object.push(own);
             slots.push([slot, is_virtual]);
             objects.push(GpuObject::new(placements[index], slot, is_virtual));
-            for material in &mesh.materials {
-                let layer = material.base_color_texture.as_ref().map_or(0, |picture| {
-                    pictures.push(picture.clone());
-                    pictures.len()
-                });
-                materials.push(gpu_material(material, layer));
-            }
+            materials.extend_from_slice(&mesh.materials);
         }
         let or_one = |mut items: Vec<Vertex>| {
             if items.is_empty() {
@@ -122,14 +129,30 @@ impl SceneBuffers {
             items
         };
         objects.push(GpuObject::new(Affine3A::IDENTITY, 0, 0));
-        materials.push(<GpuMaterial as bytemuck::Zeroable>::zeroed());
-        let limits = gpu.device.limits();
-        gpu.within(
-            "a number of base colour pictures",
-            pictures.len() as u64,
-            u64::from(limits.max_texture_array_layers),
-        )?;
+        let is_blended = |triangle: &[u32]| {
+            let material = vertices[triangle[0] as usize].material;
+            matches!(materials[material as usize].alpha, Alpha::Blend)
+        };
+        let opaque: Vec<u32> = virtuals
+            .chunks_exact(3)
+            .filter(|t| !is_blended(t))
+            .flatten()
+            .copied()
+            .collect();
+        let blended = (0..of_object.len())
+            .filter(|&object| slots[object][1] == 1)
+            .filter_map(|object| {
+                let own = of_object[object]
+                    .chunks_exact(3)
+                    .filter(|t| is_blended(t))
+                    .flatten()
+                    .copied();
+                Blended::new(gpu, object, &vertices, &own.collect::<Vec<u32>>())
+            })
+            .collect();
         Ok(Self {
+            opaque: IndexRange::new(gpu, "scene: opaque triangles", &opaque),
+            blended,
             vertices: gpu.buffer("scene: vertices", &or_one(vertices.clone())),
             kept: vertices,
             phantoms: IndexRange::new(gpu, "scene: phantom triangles", &phantoms),
@@ -137,8 +160,7 @@ impl SceneBuffers {
             of_object,
             slots,
             objects: gpu.buffer("scene: objects", &objects),
-            materials: gpu.buffer("scene: materials", &materials),
-            base_colors: upload_base_colors(gpu, &pictures),
+            materials: SceneMaterials::new(gpu, &materials)?,
         })
     }
 }
@@ -182,6 +204,17 @@ impl SceneBuffers {
     }
 }
 
+impl Blended {
+    fn new(gpu: &Gpu, object: usize, vertices: &[Vertex], indices: &[u32]) -> Option<Self> {
+        let places = indices.iter().map(|&i| Vec3::from(vertices[i as usize].position));
+        (!indices.is_empty()).then(|| Self {
+            object,
+            triangles: IndexRange::new(gpu, "scene: blended triangles", indices),
+            middle_m: places.sum::<Vec3>() / indices.len() as f32,
+        })
+    }
+}
+
 impl IndexRange {
     fn new(gpu: &Gpu, label: &str, indices: &[u32]) -> Self {
         Self {
@@ -212,33 +245,6 @@ fn finite_triangles(mesh: &Mesh) -> impl Iterator<Item = u32> + '_ {
         .filter(move |triangle| triangle.iter().all(is_finite))
         .flatten()
         .copied()
-}
-
-fn gpu_material(material: &crate::scene::Material, layer: usize) -> GpuMaterial {
-    let [r, g, b] = material.base_color;
-    let [fr, fg, fb] = material.dielectric_f0;
-    GpuMaterial {
-        base_color: Vec4::new(r, g, b, 0.0),
-        dielectric: Vec4::new(fr, fg, fb, material.dielectric_f90),
-        parameters: Vec4::new(material.metallic, material.roughness, layer as f32, 0.0),
-    }
-}
-
-fn upload_base_colors(gpu: &Gpu, pictures: &[crate::scene::BaseColorTexture]) -> wgpu::TextureView {
-    let edge = if pictures.is_empty() { 1 } else { BASE_COLOR_SIZE };
-    let shape = TextureShape::layered([edge; 2], pictures.len().max(1) as u32);
-    let texture = gpu.texture("scene: base colours", shape, wgpu::TextureFormat::Rgba8UnormSrgb);
-    for (layer, picture) in pictures.iter().enumerate() {
-        let [width, height] = picture.size_px;
-        if let Some(image) = image::RgbaImage::from_raw(width, height, picture.rgba.clone()) {
-            let scaled = image::imageops::resize(&image, edge, edge, image::imageops::FilterType::Triangle);
-            write_layer(gpu, &texture, layer as u32, &scaled);
-        }
-    }
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..wgpu::TextureViewDescriptor::default()
-    })
 }
 
 fn write_layer(gpu: &Gpu, texture: &wgpu::Texture, layer: u32, rgba: &[u8]) {

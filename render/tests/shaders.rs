@@ -6,7 +6,8 @@ use std::mem::offset_of;
 use mirrorball_render::environments::SH_STRIDE_BYTES;
 use mirrorball_render::gpu::shader::{PASSES, resolve};
 use mirrorball_render::gpu::types::{
-    GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn, MAX_ENVIRONMENTS,
+    GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMap, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn,
+    MAX_ENVIRONMENTS,
 };
 use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
@@ -158,9 +159,17 @@ fn shared_structs_have_one_layout() {
         GpuMaterial {
             base_color,
             dielectric,
-            parameters
+            emission,
+            attenuation,
+            sheen,
+            surface,
+            coat,
+            glass,
+            kinds,
+            maps
         }
     );
+    assert_same_layout!("shade", "Map", GpuMap { matrix, place, facts });
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
 }
 

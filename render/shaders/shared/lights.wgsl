@@ -11,10 +11,23 @@ struct Object {
     environment: vec4u,
 }
 
+struct Map {
+    matrix: vec4f,
+    place: vec4f,
+    facts: vec4u,
+}
+
 struct Material {
     base_color: vec4f,
     dielectric: vec4f,
-    parameters: vec4f,
+    emission: vec4f,
+    attenuation: vec4f,
+    sheen: vec4f,
+    surface: vec4f,
+    coat: vec4f,
+    glass: vec4f,
+    kinds: vec4u,
+    maps: array<Map, 14>,
 }
 
 struct Environment {

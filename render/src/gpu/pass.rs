@@ -142,11 +142,38 @@ impl Gpu {
         state: &RasterState<'_>,
         constants: &[(&str, f64)],
     ) -> wgpu::RenderPipeline {
+        self.raster_pipeline(name, state, constants, None)
+    }
+
+    /// The same drawn over what is there, colours premultiplied by alpha, depth compared and left as it is.
+    #[must_use]
+    pub fn render_pipeline_over(
+        &self,
+        name: &'static str,
+        state: &RasterState<'_>,
+        constants: &[(&str, f64)],
+    ) -> wgpu::RenderPipeline {
+        let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+        self.raster_pipeline(name, state, constants, Some(over))
+    }
+
+    fn raster_pipeline(
+        &self,
+        name: &'static str,
+        state: &RasterState<'_>,
+        constants: &[(&str, f64)],
+        blend: Option<wgpu::BlendState>,
+    ) -> wgpu::RenderPipeline {
         let module = shader::module(&self.device, name);
         let targets: Vec<_> = state
             .targets
             .iter()
-            .map(|&format| Some(wgpu::ColorTargetState::from(format)))
+            .map(|&format| {
+                Some(wgpu::ColorTargetState {
+                    blend,
+                    ..wgpu::ColorTargetState::from(format)
+                })
+            })
             .collect();
         self.count_made();
         self.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -164,7 +191,7 @@ impl Gpu {
             },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH_FORMAT,
-                depth_write_enabled: Some(true),
+                depth_write_enabled: Some(blend.is_none()),
                 depth_compare: Some(wgpu::CompareFunction::LessEqual),
                 stencil: wgpu::StencilState::default(),
                 bias: state.bias,
@@ -187,7 +214,7 @@ impl Gpu {
         })
     }
 
-    /// Resources bound to group 0 of a pipeline, in the order of their bindings from 0.
+    /// Resources bound to a group of a pipeline, in the order of their bindings from 0.
     #[must_use]
     pub fn bind(
         &self,

@@ -33,6 +33,10 @@ const SHARED: &[(&str, &str)] = &[
     ("seen", include_str!("../../shaders/shared/seen.wgsl")),
     ("sh", include_str!("../../shaders/shared/sh.wgsl")),
     ("srgb", include_str!("../../shaders/shared/srgb.wgsl")),
+    (
+        "substance_light",
+        include_str!("../../shaders/shared/substance_light.wgsl"),
+    ),
     ("view", include_str!("../../shaders/shared/view.wgsl")),
     ("wedge", include_str!("../../shaders/shared/wedge.wgsl")),
 ];

@@ -1,6 +1,7 @@
 //! What Rust and WGSL share: the same structs on both sides, compared member by member in a test.
 
 use crate::light_tree::Lobe;
+use crate::scene::material::N_TEXTURES;
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec4};
 use mirrorball_calib::camera::LensModel;
@@ -132,16 +133,47 @@ impl GpuObject {
     }
 }
 
+/// Layer of a [`GpuMap`] without picture.
+pub const NO_LAYER: u32 = u32::MAX;
+
+/// A picture on a surface (`Map` in `shared/lights.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuMap {
+    /// Columns of the matrix from the vertices' coordinates to those of the picture: x axis, y axis.
+    pub matrix: Vec4,
+    /// xy: translation of the same; z: its largest scale; w: unused.
+    pub place: Vec4,
+    /// x: layer, [`NO_LAYER`] for no picture; y: set of coordinates; z, w: wrapping along u and v, 0 repeat, 1 mirror, 2
+    /// clamp.
+    pub facts: [u32; 4],
+}
+
 /// One material (`Material` in `shared/lights.wgsl`).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuMaterial {
-    /// xyz: linear base colour; w: unused.
+    /// xyz: linear base colour; w: opacity.
     pub base_color: Vec4,
     /// xyz: dielectric reflectance at normal incidence; w: at grazing incidence.
     pub dielectric: Vec4,
-    /// x: metallic; y: perceptual roughness; z: layer of the base colour picture plus 1, 0 for none; w: unused.
-    pub parameters: Vec4,
+    /// xyz: emitted radiance; w: strength of the occlusion.
+    pub emission: Vec4,
+    /// xyz: colour of white light after the distance w, metres.
+    pub attenuation: Vec4,
+    /// xyz: colour of the sheen; w: its perceptual roughness.
+    pub sheen: Vec4,
+    /// x: metallic; y: perceptual roughness; z: scale of the normal map; w: alpha below which there is no surface.
+    pub surface: Vec4,
+    /// Clear coat: x: share; y: perceptual roughness; z: scale of its normal map; w: unused.
+    pub coat: Vec4,
+    /// x: transmission; y: index of refraction; z: thickness, metres; w: unused.
+    pub glass: Vec4,
+    /// x: model, 0 metallic-roughness, 1 gloss in alpha, 2 unlit; y: alpha, 0 opaque, 1 mask, 2 blend; z: 1 where both
+    /// sides are seen; w: unused.
+    pub kinds: [u32; 4],
+    /// Pictures, in the order of [`crate::scene::Material::textures`].
+    pub maps: [GpuMap; N_TEXTURES],
 }
 
 /// Strong lights at their places.

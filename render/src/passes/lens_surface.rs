@@ -12,6 +12,7 @@ pub struct LensSurface {
     label: &'static str,
     pipeline: wgpu::RenderPipeline,
     bindings: wgpu::BindGroup,
+    materials: wgpu::BindGroup,
     place: wgpu::TextureView,
     normal: wgpu::TextureView,
     depth: wgpu::TextureView,
@@ -45,6 +46,7 @@ impl LensSurface {
         };
         Self {
             label,
+            materials: scene.materials.bind_mask(gpu, &pipeline.get_bind_group_layout(1)),
             pipeline,
             bindings,
             place: target(PLACE_FORMAT),
@@ -99,6 +101,7 @@ impl LensSurface {
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
+        pass.set_bind_group(1, &self.materials, &[]);
         objects.draw(&mut pass, &scene.vertices);
     }
 }

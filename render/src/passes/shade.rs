@@ -1,5 +1,7 @@
 //! Virtual objects as radiance, with smooth edges.
 
+use glam::{Affine3A, Vec3};
+
 use super::direct::{self, Inputs};
 use crate::config::{DiffuseMethod, LightConfig, SpecularMethod};
 use crate::gpu::Gpu;
@@ -13,10 +15,20 @@ pub const SAMPLES: u32 = 4;
 /// The pass with its targets.
 #[derive(Debug)]
 pub struct Shade {
-    pipeline: wgpu::RenderPipeline,
-    bindings: wgpu::BindGroup,
+    opaque: Layer,
+    blended: Layer,
+    /// Blended objects, the farthest first, as indices into [`SceneBuffers::blended`].
+    order: Vec<usize>,
     samples: wgpu::TextureView,
     resolved: wgpu::TextureView,
+}
+
+/// Triangles that are drawn alike.
+#[derive(Debug)]
+struct Layer {
+    pipeline: wgpu::RenderPipeline,
+    bindings: wgpu::BindGroup,
+    materials: wgpu::BindGroup,
 }
 
 /// What the pass draws.
@@ -62,15 +74,6 @@ impl Shade {
             ("DIFFUSE", diffuse_constant(target.light.diffuse)),
             ("SPECULAR", specular_constant(target.light.specular)),
         ];
-        let pipeline = gpu.render_pipeline_variant("shade", &state, &constants);
-        let repeating = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("shade: base colours"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::Repeat,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
         let sphere_maps = inputs
             .environments
             .sphere_maps
@@ -80,18 +83,19 @@ impl Shade {
             });
         let mut resources = direct::resources(inputs);
         resources.extend([
-            inputs.scene.materials.as_entire_binding(),
             wgpu::BindingResource::TextureView(&inputs.environments.specular_view),
             wgpu::BindingResource::Sampler(sampler),
-            wgpu::BindingResource::TextureView(&inputs.scene.base_colors),
-            wgpu::BindingResource::Sampler(&repeating),
             wgpu::BindingResource::TextureView(&inputs.environments.irradiance_view),
             inputs.environments.harmonics.as_entire_binding(),
             wgpu::BindingResource::TextureView(&sphere_maps),
             wgpu::BindingResource::TextureView(&inputs.light.place),
             wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
-        let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
+        let layer = |pipeline: wgpu::RenderPipeline| Layer {
+            bindings: gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources),
+            materials: inputs.scene.materials.bind(gpu, &pipeline.get_bind_group_layout(1)),
+            pipeline,
+        };
         let radiance = |samples| {
             let shape = TextureShape {
                 samples,
@@ -103,9 +107,22 @@ impl Shade {
         Self {
             samples: radiance(SAMPLES),
             resolved: radiance(1),
-            pipeline,
-            bindings,
+            opaque: layer(gpu.render_pipeline_variant("shade", &state, &constants)),
+            blended: layer(gpu.render_pipeline_over("shade", &state, &constants)),
+            order: (0..inputs.scene.blended.len()).collect(),
         }
+    }
+
+    /// Puts blended objects that stand at `placements` (world from object) into their order for an eye at `eye_m`, world.
+    pub fn sort(&mut self, scene: &SceneBuffers, placements: &[Affine3A], eye_m: Vec3) {
+        let off = |&index: &usize| {
+            let of = &scene.blended[index];
+            placements[of.object]
+                .transform_point3(of.middle_m)
+                .distance_squared(eye_m)
+        };
+        self.order
+            .sort_unstable_by(|one, other| off(other).total_cmp(&off(one)));
     }
 
     /// Radiance of virtual objects times their coverage, alpha the coverage.
@@ -145,8 +162,21 @@ impl Shade {
             timestamp_writes: span.render(Ends::Both),
             ..wgpu::RenderPassDescriptor::default()
         });
+        self.opaque.set(&mut pass);
+        scene.opaque.draw(&mut pass, &scene.vertices);
+        if !self.order.is_empty() {
+            self.blended.set(&mut pass);
+        }
+        for &index in &self.order {
+            scene.blended[index].triangles.draw(&mut pass, &scene.vertices);
+        }
+    }
+}
+
+impl Layer {
+    fn set(&self, pass: &mut wgpu::RenderPass<'_>) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
-        scene.virtuals.draw(&mut pass, &scene.vertices);
+        pass.set_bind_group(1, &self.materials, &[]);
     }
 }

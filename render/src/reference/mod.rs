@@ -1,6 +1,6 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs`,
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/materials.rs`, `tests/light_maps.rs`,
 //! `tests/comparison_maps.rs` and `tests/modes.rs` compare the three.
 //! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
@@ -14,6 +14,7 @@ pub mod highlight;
 pub mod irradiance;
 pub mod irradiance_cube;
 pub mod lobe_sum;
+pub mod material;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod real_radiance;
@@ -23,6 +24,7 @@ pub mod separable_blur;
 pub mod shadow_rays;
 pub mod shadow_wedges;
 pub mod sphere_map;
+pub mod substance_light;
 
 /// Probe picture to radiance cube: `calib` needs it as well, for single pictures.
 pub use mirrorball_calib::probe::radiance_map;

@@ -4,8 +4,12 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Mat4, Vec3};
+use gltf::Document;
 
-use super::MeshUp;
+use super::gltf_image::Images;
+use super::gltf_material::{KNOWN_EXTENSIONS, MaterialsFile};
+use super::material::Material;
+use super::{MeshUp, gltf_vertices, tangents};
 use crate::error::RenderError;
 
 /// One corner of a triangle, as it lies in the GPU's vertex buffer.
@@ -44,54 +48,6 @@ impl Vertex {
     };
 }
 
-/// A picture of base colours, sRGB-encoded RGBA, rows from the top.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BaseColorTexture {
-    /// Columns and rows.
-    pub size_px: [u32; 2],
-    /// Four bytes per texel.
-    pub rgba: Vec<u8>,
-}
-
-/// Metallic-roughness material of glTF 2.0 with KHR_materials_specular, KHR_materials_ior and KHR_materials_transmission.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Material {
-    /// Linear base colour factor.
-    pub base_color: [f32; 3],
-    /// Base colour picture; multiplied with the factor.
-    pub base_color_texture: Option<BaseColorTexture>,
-    /// 0 dielectric ..= 1 metal.
-    pub metallic: f32,
-    /// Perceptual roughness, 0 ..= 1; GGX alpha is its square.
-    pub roughness: f32,
-    /// Reflectance of a dielectric at normal incidence, linear RGB: that of its index of refraction times the extension's
-    /// factors.
-    pub dielectric_f0: [f32; 3],
-    /// Reflectance of a dielectric at grazing incidence: the extension's factor, 1 without it.
-    pub dielectric_f90: f32,
-    /// Share of the light that enters a dielectric and goes through it, 0 ..= 1. Only the path tracer draws it: smooth
-    /// glass, of a closed mesh.
-    pub transmission: f32,
-    /// Index of refraction, 1 or more.
-    pub ior: f32,
-}
-
-impl Default for Material {
-    /// White, matt and opaque, without any gloss.
-    fn default() -> Self {
-        Self {
-            base_color: [1.0; 3],
-            base_color_texture: None,
-            metallic: 0.0,
-            roughness: 1.0,
-            dielectric_f0: [0.0; 3],
-            dielectric_f90: 0.0,
-            transmission: 0.0,
-            ior: 1.5,
-        }
-    }
-}
-
 /// Triangles of an object.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
@@ -116,10 +72,14 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         file: file.to_owned(),
         source,
     })?;
-    let parsed = gltf::Gltf::from_slice(&bytes).map_err(|error| place.error(&error))?;
+    let (document, blob, materials) = parse(&bytes).map_err(|message| place.message(message))?;
     let folder = file.parent();
-    let buffers = gltf::import_buffers(&parsed.document, folder, parsed.blob.clone()).map_err(|e| place.error(&e))?;
-    let images = gltf::import_images(&parsed.document, folder, &buffers).map_err(|e| place.error(&e))?;
+    let buffers = gltf::import_buffers(&document, folder, blob).map_err(|e| place.error(&e))?;
+    let mut payload = Payload {
+        buffers: &buffers,
+        images: Images::new(&document, folder, &buffers),
+        materials,
+    };
     let mut mesh = Mesh::default();
     let root = match up {
         MeshUp::Z => Mat4::IDENTITY,
@@ -127,26 +87,36 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         MeshUp::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
     };
     // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
-    let shown = parsed
-        .document
-        .default_scene()
-        .or_else(|| parsed.document.scenes().next());
+    let shown = document.default_scene().or_else(|| document.scenes().next());
     for node in shown.iter().flat_map(gltf::Scene::nodes) {
-        read_node(
-            &node,
-            root,
-            &place,
-            &Payload {
-                buffers: &buffers,
-                images: &images,
-            },
-            &mut mesh,
-        )?;
+        read_node(&node, root, &place, &mut payload, &mut mesh)?;
     }
     if mesh.indices.is_empty() {
         return Err(place.message("it holds no triangles"));
     }
     Ok(mesh)
+}
+
+/// The document, its binary part, and its materials.
+fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>, MaterialsFile), String> {
+    let (json, blob) = if bytes.starts_with(b"glTF") {
+        let glb = gltf::Glb::from_slice(bytes).map_err(|error| error.to_string())?;
+        (glb.json, glb.bin.map(std::borrow::Cow::into_owned))
+    } else {
+        (bytes.into(), None)
+    };
+    let mut root: gltf::json::Root =
+        gltf::json::deserialize::from_slice(&json).map_err(|error| format!("its JSON: {error}"))?;
+    let required = std::mem::take(&mut root.extensions_required);
+    if let Some(unknown) = required.iter().find(|name| !KNOWN_EXTENSIONS.contains(&name.as_str())) {
+        return Err(format!(
+            "it requires the extension `{unknown}`; known are {}",
+            KNOWN_EXTENSIONS.join(", ")
+        ));
+    }
+    let materials = serde_json::from_slice(&json).map_err(|error| format!("its materials: {error}"))?;
+    let document = Document::from_json(root).map_err(|error| error.to_string())?;
+    Ok((document, blob, materials))
 }
 
 struct Place {
@@ -170,14 +140,15 @@ impl Place {
 
 struct Payload<'a> {
     buffers: &'a [gltf::buffer::Data],
-    images: &'a [gltf::image::Data],
+    images: Images<'a>,
+    materials: MaterialsFile,
 }
 
 fn read_node(
     node: &gltf::Node<'_>,
     object_from_parent: Mat4,
     place: &Place,
-    payload: &Payload<'_>,
+    payload: &mut Payload<'_>,
     mesh: &mut Mesh,
 ) -> Result<(), RenderError> {
     let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
@@ -202,7 +173,7 @@ fn read_node(
 fn read_primitive(
     primitive: &gltf::Primitive<'_>,
     object_from_node: Mat4,
-    payload: &Payload<'_>,
+    payload: &mut Payload<'_>,
     mesh: &mut Mesh,
 ) -> Result<(), String> {
     if primitive.mode() != gltf::mesh::Mode::Triangles {
@@ -211,159 +182,29 @@ fn read_primitive(
             primitive.mode()
         ));
     }
-    let reader = primitive.reader(|buffer| payload.buffers.get(buffer.index()).map(|data| &data.0[..]));
-    let positions: Vec<Vec3> = reader
-        .read_positions()
-        .ok_or("a primitive has no positions")?
-        .map(Vec3::from)
-        .collect();
-    let indices: Vec<u32> = match reader.read_indices() {
-        Some(indices) => indices.into_u32().collect(),
-        None => (0..positions.len() as u32).collect(),
-    };
-    check_triangles(&positions, &indices, mesh.indices.len())?;
-    let normals: Vec<Vec3> = match reader.read_normals() {
-        Some(normals) => normals.map(Vec3::from).collect(),
-        None => smooth_normals(&positions, &indices),
-    };
-    if normals.len() != positions.len() {
-        return Err(format!("{} normals for {} positions", normals.len(), positions.len()));
-    }
-    let uvs: Vec<[f32; 2]> = reader
-        .read_tex_coords(0)
-        .map(|t| t.into_f32().collect())
-        .unwrap_or_default();
-    let normal_matrix = Mat3::from_mat4(object_from_node).inverse().transpose();
-    let first = mesh.vertices.len() as u32;
-    let material = mesh.materials.len() as u32;
-    for (i, (position, normal)) in positions.iter().zip(&normals).enumerate() {
-        mesh.vertices.push(Vertex {
-            position: object_from_node.transform_point3(*position).to_array(),
-            object: 0,
-            normal: (normal_matrix * *normal).try_normalize().unwrap_or(Vec3::Z).to_array(),
-            material,
-            uv: uvs.get(i).copied().unwrap_or_default(),
-            uv1: [0.0; 2],
-            tangent: [1.0, 0.0, 0.0, 1.0],
-            color: [1.0; 4],
-        });
-    }
-    mesh.indices
-        .extend(indices[..indices.len() / 3 * 3].iter().map(|i| first + i));
-    mesh.materials.push(read_material(&primitive.material(), payload)?);
-    Ok(())
-}
-
-fn check_triangles(positions: &[Vec3], indices: &[u32], before: usize) -> Result<(), String> {
-    if let Some(bad) = indices.iter().find(|&&i| i as usize >= positions.len()) {
-        return Err(format!("index {bad} with only {} positions", positions.len()));
-    }
-    if let Some(bad) = positions.iter().position(|p| !p.is_finite()) {
-        return Err(format!("position {bad} is not a finite number"));
-    }
-    if (before + indices.len()) / 3 > MAX_TRIANGLES {
+    let material = payload
+        .materials
+        .material(primitive.material().index(), &mut payload.images)?;
+    let mut read = gltf_vertices::read(primitive, payload.buffers)?;
+    if (mesh.indices.len() + read.indices.len()) / 3 > MAX_TRIANGLES {
         return Err(format!("more than {MAX_TRIANGLES} triangles"));
     }
+    if let Some(missing) = material.uv_sets().find(|&set| !read.has_uv(set)) {
+        return Err(format!(
+            "a texture goes by `TEXCOORD_{}`, which a primitive lacks",
+            missing.index()
+        ));
+    }
+    read.place(object_from_node, mesh.materials.len() as u32);
+    let normals = material.normal.as_ref().or(material.clearcoat.normal.as_ref());
+    if let (Some(map), false) = (normals, read.has_tangents) {
+        tangents::fill(&mut read.vertices, &mut read.indices, |vertex| {
+            map.texture.place_of(vertex)
+        });
+    }
+    let first = mesh.vertices.len() as u32;
+    mesh.vertices.extend(read.vertices);
+    mesh.indices.extend(read.indices.iter().map(|i| first + i));
+    mesh.materials.push(material);
     Ok(())
-}
-
-/// Normals of the adjoining faces, weighted by their areas.
-fn smooth_normals(positions: &[Vec3], indices: &[u32]) -> Vec<Vec3> {
-    let mut normals = vec![Vec3::ZERO; positions.len()];
-    for triangle in indices.chunks_exact(3) {
-        let [a, b, c] = [triangle[0] as usize, triangle[1] as usize, triangle[2] as usize];
-        let area = (positions[b] - positions[a]).cross(positions[c] - positions[a]);
-        for corner in [a, b, c] {
-            normals[corner] += area;
-        }
-    }
-    normals.iter().map(|n| n.try_normalize().unwrap_or(Vec3::Z)).collect()
-}
-
-fn read_material(material: &gltf::Material<'_>, payload: &Payload<'_>) -> Result<Material, String> {
-    let pbr = material.pbr_metallic_roughness();
-    let [r, g, b, _] = pbr.base_color_factor();
-    let ior = material.ior().unwrap_or(1.5);
-    if !(ior == 0.0 || (1.0..1e3).contains(&ior)) {
-        return Err(format!("an index of refraction of {ior}; it is 1 or more"));
-    }
-    // 0 stands for a surface that reflects everything (KHR_materials_ior).
-    let f0 = material.ior().map_or(0.04, |ior| ((ior - 1.0) / (ior + 1.0)).powi(2));
-    let dielectric_f0 = material.specular().map_or([f0; 3], |specular| {
-        specular
-            .specular_color_factor()
-            .map(|c| (f0 * c).min(1.0) * specular.specular_factor())
-    });
-    let base_color_texture = match pbr.base_color_texture() {
-        Some(info) => Some(read_texture(&info.texture(), payload)?),
-        None => None,
-    };
-    Ok(Material {
-        base_color: [r, g, b],
-        base_color_texture,
-        metallic: pbr.metallic_factor(),
-        roughness: pbr.roughness_factor(),
-        dielectric_f0,
-        dielectric_f90: material.specular().map_or(1.0, |specular| specular.specular_factor()),
-        transmission: material.transmission().map_or(0.0, |t| t.transmission_factor()),
-        ior: ior.max(1.0),
-    })
-}
-
-fn read_texture(texture: &gltf::Texture<'_>, payload: &Payload<'_>) -> Result<BaseColorTexture, String> {
-    use gltf::image::Format;
-    let data = payload
-        .images
-        .get(texture.source().index())
-        .ok_or("a texture without its picture")?;
-    let rgba = match data.format {
-        Format::R8G8B8A8 => data.pixels.clone(),
-        Format::R8G8B8 => data
-            .pixels
-            .chunks_exact(3)
-            .flat_map(|p| [p[0], p[1], p[2], 255])
-            .collect(),
-        Format::R8 => data.pixels.iter().flat_map(|&p| [p, p, p, 255]).collect(),
-        other @ (Format::R8G8
-        | Format::R16
-        | Format::R16G16
-        | Format::R16G16B16
-        | Format::R16G16B16A16
-        | Format::R32G32B32FLOAT
-        | Format::R32G32B32A32FLOAT) => {
-            return Err(format!(
-                "a base colour picture is stored as {other:?}; use 8-bit RGB or RGBA"
-            ));
-        }
-    };
-    Ok(BaseColorTexture {
-        size_px: [data.width, data.height],
-        rgba,
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn normals_of_a_flat_triangle_point_up() {
-        let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        assert_eq!(smooth_normals(&positions, &[0, 1, 2]), vec![Vec3::Z; 3]);
-    }
-
-    #[test]
-    fn bad_indices_and_positions_are_refused() {
-        assert!(
-            check_triangles(&[Vec3::ZERO], &[0, 0, 1], 0)
-                .unwrap_err()
-                .contains("index 1")
-        );
-        assert!(
-            check_triangles(&[Vec3::NAN], &[0, 0, 0], 0)
-                .unwrap_err()
-                .contains("finite")
-        );
-        assert!(check_triangles(&[Vec3::ZERO], &[0, 0, 0], 3 * MAX_TRIANGLES).is_err());
-    }
 }

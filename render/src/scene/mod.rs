@@ -1,8 +1,13 @@
 //! The scene file: which objects there are, virtual and real, and where they stand.
 
+mod gltf_image;
+mod gltf_material;
 mod gltf_mesh;
+mod gltf_vertices;
 mod lens_mesh;
+pub mod material;
 pub mod occluders;
+mod tangents;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -12,8 +17,9 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
 use serde::Deserialize;
 
-pub use gltf_mesh::{BaseColorTexture, Material, Mesh, Vertex};
+pub use gltf_mesh::{Mesh, Vertex};
 pub use lens_mesh::subdivided;
+pub use material::Material;
 
 use crate::error::RenderError;
 

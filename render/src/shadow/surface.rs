@@ -89,7 +89,7 @@ impl SurfacePass {
             &[
                 view_buffer.as_entire_binding(),
                 scene.objects.as_entire_binding(),
-                scene.materials.as_entire_binding(),
+                scene.materials.buffer().as_entire_binding(),
             ],
         );
         let whole = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());

@@ -1,6 +1,6 @@
 //! The buffers and passes around one scene, without tracker and probe, so that a pass can be fed by hand.
 
-use glam::{Vec3, Vec4};
+use glam::{Affine3A, Vec3, Vec4};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
 use mirrorball_render::config::{LightConfig, ShadowConfig};
@@ -110,6 +110,9 @@ impl Stage {
             light: &self.light_on[1],
         };
         self.shade = Shade::new(&self.gpu, inputs, (&self.gpu.linear_sampler(), target));
+        let placements = vec![Affine3A::IDENTITY; self.buffers.objects_of_rays().len()];
+        let eye_m = camera_from_world.inverse().translation.as_vec3();
+        self.shade.sort(&self.buffers, &placements, eye_m);
         self.ratios(rig, camera_from_world, &[]);
         let mut encoder = self
             .gpu

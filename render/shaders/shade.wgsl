@@ -7,6 +7,8 @@
 
 #import direct
 #import material
+#import lamp
+#import lamp_shine
 
 @group(0) @binding(8) var<storage, read> materials: array<Material>;
 @group(0) @binding(9) var specular: texture_cube_array<f32>;
@@ -187,9 +189,9 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
     let made = substance_at(MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material));
     normal = made.normal;
+    let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
     var radiance = vec3f(0.0);
     if made.metallic < 1.0 {
-        let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
             irradiance = near_irradiance(slot, normal) + textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
@@ -203,6 +205,8 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         let split = environment_brdf(made.roughness, max(dot(normal, to_eye), 0.0));
         let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(made.roughness, least_roughness));
         radiance += prefiltered * (made.f0 * split.x + split.y * made.f90);
+        let gloss = Gloss(normal, to_eye, pow(max(made.roughness, least_roughness), 2.0), made.f0, made.f90);
+        radiance += lamp_highlights(pixel, corner.position, gloss);
     }
     return radiance;
 }

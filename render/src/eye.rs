@@ -10,6 +10,8 @@ use crate::gpu::Gpu;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
+use crate::passes::lamp_light::LampLight;
+use crate::passes::lamp_receive::LampReceive;
 use crate::passes::lens_surface::LensSurface;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
@@ -27,8 +29,12 @@ pub struct Eye {
     pub light_on: [ShadowedLight; 2],
     /// Light from afar, past all shadows.
     pub shadows: EyeShadows,
+    /// Light of virtual lamps on either.
+    pub lamps: [LampLight; 2],
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
+    /// Light of virtual lamps on real things.
+    pub lamp_receive: LampReceive,
     /// Real things as radiance, shadows of the virtual ones on them.
     pub real: RealRadiance,
     /// Hides virtual objects behind real ones.
@@ -67,6 +73,7 @@ impl Eye {
         let EyeInputs {
             view,
             scene,
+            rays,
             environments,
             shadows,
             ..
@@ -86,6 +93,9 @@ impl Eye {
             light,
         };
         let receive = Receive::new(gpu, direct(&light_on[0]), size_px);
+        let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
+        let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
+            .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
@@ -93,12 +103,14 @@ impl Eye {
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            real: RealRadiance::new(gpu, view, receive.ratio()),
-            composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
+            real: RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance())),
+            composite: Composite::new(gpu, view, (&shade, &receive, &lamp_receive)),
             shadows: eye_shadows,
             virtuals,
             light_on,
+            lamps,
             receive,
+            lamp_receive,
             shade,
         })
     }

@@ -10,6 +10,7 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 use crate::error::RenderError;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
 use crate::node::{RenderNode, RenderedFrame, Work};
+use crate::passes::lamp_light::GpuLamps;
 use crate::probe::Light;
 use crate::scene_shadows::ShadowFrame;
 use mirrorball_calib::probe::ProbeOptics;
@@ -94,6 +95,10 @@ impl RenderNode {
         self.pictures.far.upload(gpu, &light.far, &light.strong);
         self.pictures.behind.upload(gpu, &light.behind, &light.strong);
         gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
+        gpu.write(
+            &self.scene.lamps,
+            &[GpuLamps::new(&self.lamps, &self.rig, &self.placements)],
+        );
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
     }
@@ -134,7 +139,11 @@ impl RenderNode {
         for eye in &mut self.eyes {
             let job = (&mut eye.shadows, &shadow_frame, camera_from_world);
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
+            for lamps in &eye.lamps {
+                lamps.record(&mut encoder, timer);
+            }
             eye.receive.record(&mut encoder, timer);
+            eye.lamp_receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
             eye.depth.record(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());

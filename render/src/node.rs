@@ -22,7 +22,7 @@ use crate::passes::radiance_map::RadianceMap;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
-use crate::scene::{Kind, Scene};
+use crate::scene::{Kind, Lamp, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::SceneShadows;
@@ -128,6 +128,8 @@ pub struct RenderNode {
     pub(crate) rays: SceneRays,
     /// Where the objects stand, world from object, in the order of the scene.
     pub(crate) placements: Vec<Affine3A>,
+    /// Virtual lamps.
+    pub(crate) lamps: Vec<Lamp>,
     pub(crate) environments: Environments,
 }
 
@@ -231,6 +233,7 @@ impl RenderNode {
             scene: buffers,
             rays,
             placements,
+            lamps: scene.lamps.clone(),
             environments,
         })
     }

@@ -8,7 +8,8 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuMaterial, GpuObject, MAX_ENVIRONMENTS};
-use crate::scene::{Kind, Mesh, Scene, Vertex, subdivided};
+use crate::passes::lamp_light::GpuLamps;
+use crate::scene::{Kind, MAX_LAMPS, Mesh, Scene, Vertex, subdivided};
 
 /// Longest edge of a triangle before it is split for the lens, metres.
 const MAX_EDGE_M: f32 = 0.04;
@@ -30,6 +31,10 @@ pub struct SceneBuffers {
     pub materials: wgpu::Buffer,
     /// Base colour pictures, one layer each.
     pub base_colors: wgpu::TextureView,
+    /// Virtual lamps, uniform ([`GpuLamps`]).
+    pub lamps: wgpu::Buffer,
+    /// How many there are.
+    pub n_lamps: usize,
     /// The vertices in memory.
     kept: Vec<Vertex>,
     /// Indices of every object's triangles.
@@ -65,7 +70,7 @@ impl SceneBuffers {
     ///
     /// # Errors
     /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more base
-    /// colour pictures than the adapter takes.
+    /// colour pictures than the adapter takes, [`RenderError::TooManyLamps`].
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Result<Self, RenderError> {
         let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(rig)).collect();
         Self::placed(gpu, scene, &placements, MAX_EDGE_M)
@@ -77,6 +82,12 @@ impl SceneBuffers {
     /// # Errors
     /// As [`SceneBuffers::new`].
     pub fn placed(gpu: &Gpu, scene: &Scene, placements: &[Affine3A], max_edge_m: f32) -> Result<Self, RenderError> {
+        if scene.lamps.len() > MAX_LAMPS {
+            return Err(RenderError::TooManyLamps {
+                found: scene.lamps.len(),
+                limit: MAX_LAMPS,
+            });
+        }
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
@@ -139,6 +150,8 @@ impl SceneBuffers {
             objects: gpu.buffer("scene: objects", &objects),
             materials: gpu.buffer("scene: materials", &materials),
             base_colors: upload_base_colors(gpu, &pictures),
+            lamps: gpu.buffer("scene: lamps", &[<GpuLamps as bytemuck::Zeroable>::zeroed()]),
+            n_lamps: scene.lamps.len(),
         })
     }
 }

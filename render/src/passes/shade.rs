@@ -15,6 +15,7 @@ pub const SAMPLES: u32 = 4;
 pub struct Shade {
     pipeline: wgpu::RenderPipeline,
     bindings: wgpu::BindGroup,
+    lamp_bindings: wgpu::BindGroup,
     samples: wgpu::TextureView,
     resolved: wgpu::TextureView,
 }
@@ -91,6 +92,14 @@ impl Shade {
             wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
         let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
+        let lamp_bindings = gpu.bind(
+            "shade: lamps",
+            &pipeline.get_bind_group_layout(1),
+            &[
+                inputs.scene.lamps.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&inputs.light.lamp_shares),
+            ],
+        );
         let radiance = |samples| {
             let shape = TextureShape {
                 samples,
@@ -104,6 +113,7 @@ impl Shade {
             resolved: radiance(1),
             pipeline,
             bindings,
+            lamp_bindings,
         }
     }
 
@@ -146,6 +156,7 @@ impl Shade {
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
+        pass.set_bind_group(1, &self.lamp_bindings, &[]);
         scene.virtuals.draw(&mut pass, &scene.vertices);
     }
 }

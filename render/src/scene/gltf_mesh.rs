@@ -121,11 +121,7 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
     let buffers = gltf::import_buffers(&parsed.document, folder, parsed.blob.clone()).map_err(|e| place.error(&e))?;
     let images = gltf::import_images(&parsed.document, folder, &buffers).map_err(|e| place.error(&e))?;
     let mut mesh = Mesh::default();
-    let root = match up {
-        MeshUp::Z => Mat4::IDENTITY,
-        // +y of the file becomes +z: a quarter turn about x.
-        MeshUp::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
-    };
+    let root = up.object_from_file();
     // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
     let shown = parsed
         .document

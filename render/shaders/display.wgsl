@@ -8,7 +8,7 @@
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var virtual_radiance: texture_2d<f32>;
 @group(0) @binding(2) var phantom_ratio: texture_2d<f32>;
-// Real things times the ratio.
+// Real things times the ratio, and what virtual lamps add.
 @group(0) @binding(3) var real: texture_2d<f32>;
 // Irradiance on phantoms.
 @group(0) @binding(4) var light_with: texture_2d<f32>;
@@ -17,6 +17,8 @@
 @group(0) @binding(7) var probe_radiance: texture_cube<f32>;
 @group(0) @binding(8) var linear_sampler: sampler;
 @group(0) @binding(9) var<storage, read_write> out: array<u32>;
+// What virtual lamps add to real things.
+@group(0) @binding(10) var lamp_radiance: texture_2d<f32>;
 
 // 0: the world itself, through the display; 1: a colour; 2: the measured light.
 override SURROUND: u32 = 0u;
@@ -36,7 +38,9 @@ fn added(pixel: vec2u) -> vec3f {
     if ratio.a == 0.0 {
         return vec3f(0.0);
     }
-    return textureLoad(real, pixel, 0).rgb * (1.0 - 1.0 / max(ratio.rgb, vec3f(1.0)));
+    let lamps = textureLoad(lamp_radiance, pixel, 0).rgb;
+    let lit = textureLoad(real, pixel, 0).rgb - lamps;
+    return lamps + lit * (1.0 - 1.0 / max(ratio.rgb, vec3f(1.0)));
 }
 
 // The backdrop, as the display's linear light.

@@ -13,28 +13,33 @@
 @group(0) @binding(10) var normals: texture_2d<f32>;
 // Ratio, and 1 where there is a phantom.
 @group(0) @binding(11) var out: texture_storage_2d<rgba16float, write>;
+// Irradiance in the room past the real things; w: 0 where there is no phantom, or one that mirrors.
+@group(0) @binding(12) var out_light: texture_storage_2d<rgba16float, write>;
 
 // A change of light below this share changes no 8-bit code: half a code of 255 in sRGB is 0.4 % at white, more below.
 const LEAST_CHANGE: f32 = 0.002;
 // No surface gets more than so many times the light that it had: its picture is mostly noise then.
 const MOST: f32 = 16.0;
 
-// Exactly 1 where virtual objects change nothing.
-fn phantom_ratio(pixel: vec2u, point: vec3f, normal: vec3f) -> vec3f {
-    let from_ball = distance(point, frame.ball_m.xyz);
-    if abs(from_ball - frame.ball_m.w) < 0.02 * frame.ball_m.w {
-        // A mirror shows no shadow.
-        return vec3f(1.0);
-    }
+// Whether a point lies on the ball: a mirror shows no shadow.
+fn is_on_ball(point: vec3f) -> bool {
+    return abs(distance(point, frame.ball_m.xyz) - frame.ball_m.w) < 0.02 * frame.ball_m.w;
+}
+
+// Irradiance of all light in the room.
+fn real_irradiance(pixel: vec2u, point: vec3f, normal: vec3f) -> vec3f {
+    return textureLoad(light_without, pixel, 0).rgb + near_irradiance(nearest_environment(point), normal);
+}
+
+// Exactly 1 where virtual objects change nothing; the light of virtual lamps comes on top (shaders/lamp_receive.wgsl).
+fn phantom_ratio(pixel: vec2u, real: vec3f) -> vec3f {
     let without = textureLoad(light_without, pixel, 0).rgb;
     let gained = textureLoad(light_with, pixel, 0).rgb - without
-        + textureLoad(light_lamps, pixel, 0).rgb
         + textureLoad(light_near, pixel, 0).rgb;
     if all(abs(gained) <= LEAST_CHANGE * without) {
         return vec3f(1.0);
     }
-    let near = near_irradiance(nearest_environment(point), normal);
-    let total = max(without + near, vec3f(1e-9));
+    let total = max(real, vec3f(1e-9));
     return clamp((total + gained) / total, vec3f(0.0), vec3f(MOST));
 }
 
@@ -55,8 +60,13 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     }
     let place = textureLoad(places, at.xy, 0);
     var ratio = vec4f(0.0);
-    if place.w > 0.0 {
-        ratio = vec4f(phantom_ratio(at.xy, place.xyz, textureLoad(normals, at.xy, 0).xyz), 1.0);
+    var light = vec4f(0.0);
+    if place.w > 0.0 && is_on_ball(place.xyz) {
+        ratio = vec4f(1.0);
+    } else if place.w > 0.0 {
+        light = vec4f(real_irradiance(at.xy, place.xyz, textureLoad(normals, at.xy, 0).xyz), 1.0);
+        ratio = vec4f(phantom_ratio(at.xy, light.rgb), 1.0);
     }
+    textureStore(out_light, at.xy, light);
     textureStore(out, at.xy, ratio);
 }

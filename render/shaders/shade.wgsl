@@ -8,6 +8,8 @@
 #import direct
 #import material
 #import substance_light
+#import lamp
+#import lamp_shine
 
 @group(0) @binding(8) var specular: texture_cube_array<f32>;
 @group(0) @binding(9) var linear_sampler: sampler;
@@ -193,12 +195,12 @@ fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
         // All the light around the object, without shadows.
         return made.occlusion * mapped_irradiance(slot, made.normal, to_eye);
     }
-    var around: vec3f;
+    // Lights that are nowhere else: no environment holds a lamp.
     if DIFFUSE == 0u {
-        around = near_irradiance(slot, made.normal) + textureLoad(light_near, lit.at, 0).rgb + textureLoad(light_with, lit.at, 0).rgb;
-    } else {
-        around = mapped_irradiance(slot, made.normal, to_eye) * share_past_virtual(lit.at);
+        let around = near_irradiance(slot, made.normal) + textureLoad(light_near, lit.at, 0).rgb + textureLoad(light_with, lit.at, 0).rgb;
+        return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
     }
+    let around = mapped_irradiance(slot, made.normal, to_eye) * share_past_virtual(lit.at);
     return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
 }
 
@@ -207,6 +209,20 @@ fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
 fn towards_eye(normal: vec3f, to_eye: vec3f) -> vec3f {
     let cosine = dot(normal, to_eye);
     return select(normal, normalize(normal - 1.01 * cosine * to_eye), cosine < 0.0);
+}
+
+// Radiance of the virtual lamps that a surface and its coat mirror. The metal's and the dielectric's highlights are one, its
+// reflectance between theirs.
+fn mirrored_lamps(corner: Corner, made: Substance, to_eye: vec3f, least_roughness: f32) -> vec3f {
+    let lit = light_pixel(vec2u(corner.clip.xy), corner.position, made.normal, corner.object);
+    let alpha = pow(max(made.roughness, least_roughness), 2.0);
+    var radiance = lamp_highlights(lit.at, corner.position, Gloss(made.normal, to_eye, alpha, made.f0, made.f90));
+    if made.coat > 0.0 {
+        let coat_alpha = pow(max(made.coat_roughness, least_roughness), 2.0);
+        let coat = Gloss(made.coat_normal, to_eye, coat_alpha, vec3f(0.04), 1.0);
+        radiance += made.coat * lamp_highlights(lit.at, corner.position, coat);
+    }
+    return radiance;
 }
 
 fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: f32) -> vec3f {
@@ -236,7 +252,7 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
     if made.transmission > 0.0 {
         light.through = reflected_radiance(slot, corner.position, -to_eye, made.roughness);
     }
-    return sent_radiance(made, to_eye, light);
+    return sent_radiance(made, to_eye, light) + mirrored_lamps(corner, made, to_eye, least_roughness);
 }
 
 // Radiance times coverage, and coverage.

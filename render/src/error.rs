@@ -36,6 +36,26 @@ pub enum RenderError {
         /// What is wrong and what is allowed.
         message: String,
     },
+    /// A virtual lamp of the scene is not allowed.
+    #[error("`{}`, lamp `{lamp}`, `{field}`: {message}", file.display())]
+    Lamp {
+        /// The scene file.
+        file: PathBuf,
+        /// Name of the lamp.
+        lamp: String,
+        /// Key in the lamp's table.
+        field: &'static str,
+        /// What is wrong and what is allowed.
+        message: String,
+    },
+    /// More virtual lamps than are drawn.
+    #[error("the scene has {found} virtual lamps, those of its glTF files included; at most {limit} are drawn")]
+    TooManyLamps {
+        /// How many there are.
+        found: usize,
+        /// How many are drawn.
+        limit: usize,
+    },
     /// A glTF file cannot be used.
     #[error("cannot use the glTF file `{}` of object `{object}`: {message}", file.display())]
     Mesh {
@@ -194,7 +214,10 @@ impl RenderError {
     pub fn hint(&self) -> Option<String> {
         match self {
             Self::Read { file, .. } => Some(format!("check that `{}` exists and is readable", file.display())),
-            Self::Config { .. } | Self::Scene { .. } => Some("`configs/README.md` lists every key".into()),
+            Self::Config { .. } | Self::Scene { .. } | Self::Lamp { .. } => {
+                Some("`configs/README.md` lists every key".into())
+            }
+            Self::TooManyLamps { .. } => Some("leave lamps out of the scene, or lights out of its glTF files".into()),
             Self::Mesh { .. } => Some("export the object as glTF 2.0 (.glb) with triangles".into()),
             Self::Rig(_) => Some("`configs/README.md` lists every key of a rig file".into()),
             Self::TooLarge { .. } => Some("lower it in the rig, the scene or `render.toml`".into()),
@@ -229,6 +252,8 @@ impl RenderError {
             Self::Read { .. }
             | Self::Config { .. }
             | Self::Scene { .. }
+            | Self::Lamp { .. }
+            | Self::TooManyLamps { .. }
             | Self::Mesh { .. }
             | Self::Rig(_)
             | Self::TooLarge { .. }

@@ -18,6 +18,8 @@ use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
 use crate::passes::display::{self, Display};
+use crate::passes::lamp_light::LampLight;
+use crate::passes::lamp_receive::LampReceive;
 use crate::passes::lens_surface::LensSurface;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
@@ -74,8 +76,12 @@ pub struct Eye {
     pub light_on: [ShadowedLight; 2],
     /// Light from afar, past all shadows.
     pub shadows: EyeShadows,
+    /// Light of virtual lamps on either.
+    pub lamps: [LampLight; 2],
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
+    /// Light of virtual lamps on real things.
+    pub lamp_receive: LampReceive,
     /// Real things as radiance, shadows of the virtual ones on them.
     pub real: RealRadiance,
     /// Hides virtual objects behind real ones.
@@ -116,6 +122,7 @@ impl Eye {
     pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, own: Option<EyeView>) -> Result<Self, RenderError> {
         let EyeInputs {
             scene,
+            rays,
             environments,
             shadows,
             ..
@@ -136,15 +143,18 @@ impl Eye {
             light,
         };
         let receive = Receive::new(gpu, direct(&light_on[0]), size_px);
+        let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
+        let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
+            .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
-        let real = RealRadiance::new(gpu, view, receive.ratio());
+        let real = RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance()));
         let finish = match inputs.mode.name.surround() {
             Surround::Picture => {
-                let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
+                let composite = Composite::new(gpu, view, (&shade, &receive, &lamp_receive));
                 Finish::Picture(Box::new(composite))
             }
             Surround::Backdrop | Surround::Nothing => {
@@ -153,6 +163,7 @@ impl Eye {
                     shade: &shade,
                     receive: &receive,
                     real: &real,
+                    lamps: &lamp_receive,
                     light: &light_on[0],
                     probe_radiance: inputs.probe_radiance,
                 };
@@ -171,7 +182,9 @@ impl Eye {
             shadows: eye_shadows,
             virtuals,
             light_on,
+            lamps,
             receive,
+            lamp_receive,
             shade,
             own,
         })

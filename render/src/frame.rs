@@ -12,6 +12,7 @@ use crate::gpu::Gpu;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
 use crate::mode::Viewers;
 use crate::node::{RenderNode, RenderedFrame, Work};
+use crate::passes::lamp_light::GpuLamps;
 use crate::probe::Light;
 use crate::scene_shadows::ShadowFrame;
 use mirrorball_calib::probe::ProbeOptics;
@@ -111,6 +112,10 @@ impl RenderNode {
         self.pictures.far.upload(gpu, &light.far, &light.strong);
         self.pictures.behind.upload(gpu, &light.behind, &light.strong);
         gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
+        gpu.write(
+            &self.scene.lamps,
+            &[GpuLamps::new(&self.lamps, &self.rig, &self.placements)],
+        );
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
     }
@@ -157,7 +162,11 @@ impl RenderNode {
             let eye_from_world = eye.from_world(camera_from_world);
             let job = (&mut eye.shadows, &shadow_frame, &eye_from_world);
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
+            for lamps in &eye.lamps {
+                lamps.record(&mut encoder, timer);
+            }
             eye.receive.record(&mut encoder, timer);
+            eye.lamp_receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());

@@ -26,7 +26,7 @@ use crate::passes::reproject::room_buffer;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
-use crate::scene::{Kind, Scene};
+use crate::scene::{Kind, Lamp, Scene};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::SceneShadows;
@@ -138,6 +138,8 @@ pub struct RenderNode {
     pub(crate) rays: SceneRays,
     /// Where the objects stand, world from object, in the order of the scene.
     pub(crate) placements: Vec<Affine3A>,
+    /// Virtual lamps.
+    pub(crate) lamps: Vec<Lamp>,
     pub(crate) environments: Environments,
 }
 
@@ -243,6 +245,7 @@ impl RenderNode {
             scene: buffers,
             rays,
             placements,
+            lamps: scene.lamps.clone(),
             environments,
         })
     }

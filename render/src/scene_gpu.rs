@@ -8,8 +8,9 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuObject, MAX_ENVIRONMENTS};
+use crate::passes::lamp_light::GpuLamps;
 use crate::scene::material::Alpha;
-use crate::scene::{Kind, Mesh, Scene, Vertex, subdivided};
+use crate::scene::{Kind, MAX_LAMPS, Mesh, Scene, Vertex, subdivided};
 use crate::scene_materials::SceneMaterials;
 
 /// Longest edge of a triangle before it is split for the lens, metres.
@@ -32,6 +33,10 @@ pub struct SceneBuffers {
     pub objects: wgpu::Buffer,
     /// Materials with their pictures.
     pub materials: SceneMaterials,
+    /// Virtual lamps, uniform ([`GpuLamps`]).
+    pub lamps: wgpu::Buffer,
+    /// How many there are.
+    pub n_lamps: usize,
     /// The vertices in memory.
     kept: Vec<Vertex>,
     /// Indices of every object's triangles.
@@ -78,7 +83,7 @@ impl SceneBuffers {
     ///
     /// # Errors
     /// [`RenderError::Mesh`] for a mesh so large that it cannot be in metres, [`RenderError::TooLarge`] for more pictures of
-    /// materials than the adapter takes.
+    /// materials than the adapter takes, [`RenderError::TooManyLamps`].
     pub fn new(gpu: &Gpu, scene: &Scene, rig: &Rig) -> Result<Self, RenderError> {
         let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(rig)).collect();
         Self::placed(gpu, scene, &placements, MAX_EDGE_M)
@@ -90,6 +95,12 @@ impl SceneBuffers {
     /// # Errors
     /// As [`SceneBuffers::new`].
     pub fn placed(gpu: &Gpu, scene: &Scene, placements: &[Affine3A], max_edge_m: f32) -> Result<Self, RenderError> {
+        if scene.lamps.len() > MAX_LAMPS {
+            return Err(RenderError::TooManyLamps {
+                found: scene.lamps.len(),
+                limit: MAX_LAMPS,
+            });
+        }
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
@@ -161,6 +172,8 @@ impl SceneBuffers {
             slots,
             objects: gpu.buffer("scene: objects", &objects),
             materials: SceneMaterials::new(gpu, &materials)?,
+            lamps: gpu.buffer("scene: lamps", &[<GpuLamps as bytemuck::Zeroable>::zeroed()]),
+            n_lamps: scene.lamps.len(),
         })
     }
 }

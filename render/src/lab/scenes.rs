@@ -197,7 +197,10 @@ impl MovingScene {
 
     fn empty() -> Self {
         Self {
-            scene: Scene { objects: Vec::new() },
+            scene: Scene {
+                objects: Vec::new(),
+                lamps: Vec::new(),
+            },
             motions: Vec::new(),
         }
     }

@@ -3,6 +3,8 @@
 use crate::environments::Environments;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
+use crate::passes::lamp_light::layers;
+use crate::scene::MAX_LAMPS;
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::surface::SurfaceViews;
 
@@ -28,6 +30,8 @@ pub struct ShadowedLight {
     pub with_virtual: wgpu::TextureView,
     /// Irradiance of virtual lamps, past all objects.
     pub lamps: wgpu::TextureView,
+    /// Share of the light of every virtual lamp that gets past all objects, four lamps per layer.
+    pub lamp_shares: wgpu::TextureView,
     /// On phantoms: irradiance from near things that virtual objects add or, negative, take away. On virtual objects:
     /// irradiance from near things.
     pub near: wgpu::TextureView,
@@ -45,10 +49,14 @@ impl ShadowedLight {
             let texture = gpu.target(label, TextureShape::plain(views.size_px), RADIANCE_FORMAT);
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
+        let shares = TextureShape::layered(views.size_px, MAX_LAMPS as u32 / 4);
         Self {
             without: target("light past real things"),
             with_virtual: target("light past all things"),
             lamps: target("light of virtual lamps"),
+            lamp_shares: gpu
+                .texture("shares of virtual lamps", shares, RADIANCE_FORMAT)
+                .create_view(&layers()),
             near: target("light from near things"),
             place: views.place.clone(),
             normal: views.normal.clone(),

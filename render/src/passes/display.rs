@@ -13,6 +13,7 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
 use crate::mode::Surround;
 use crate::passes::direct::ShadowedLight;
+use crate::passes::lamp_receive::LampReceive;
 use crate::passes::real_radiance::RealRadiance;
 
 /// The pass with its result.
@@ -34,6 +35,8 @@ pub struct Inputs<'a> {
     pub receive: &'a Receive,
     /// Real things.
     pub real: &'a RealRadiance,
+    /// What virtual lamps add to them.
+    pub lamps: &'a LampReceive,
     /// Light on phantoms.
     pub light: &'a ShadowedLight,
     /// Radiance at the probe, a cube.
@@ -81,6 +84,7 @@ impl Display {
                 wgpu::BindingResource::TextureView(inputs.probe_radiance),
                 wgpu::BindingResource::Sampler(&gpu.linear_sampler()),
                 codes.buffer().as_entire_binding(),
+                wgpu::BindingResource::TextureView(inputs.lamps.radiance()),
             ],
         );
         Self {

@@ -11,6 +11,8 @@ pub mod highlight;
 pub mod inset;
 pub mod irradiance;
 pub mod irradiance_cube;
+pub mod lamp_light;
+pub mod lamp_receive;
 pub mod lens_surface;
 pub(crate) mod lobe_sum;
 pub mod local_environment;

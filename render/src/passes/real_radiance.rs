@@ -21,9 +21,9 @@ pub struct RealRadiance {
 }
 
 impl RealRadiance {
-    /// A pass for the pictures of `view`, dimmed and lit by `ratio`.
+    /// A pass for the pictures of `view`, dimmed and lit by `ratio`, with the radiance that lamps add.
     #[must_use]
-    pub fn new(gpu: &Gpu, view: &CameraView, ratio: &wgpu::TextureView) -> Self {
+    pub fn new(gpu: &Gpu, view: &CameraView, (ratio, added): (&wgpu::TextureView, &wgpu::TextureView)) -> Self {
         let size_px = view.size_px();
         let shape = TextureShape {
             mips: REAL_MIPS.min(size_px[0].min(size_px[1]).max(1).ilog2() + 1),
@@ -47,6 +47,7 @@ impl RealRadiance {
                 view.picture.response.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&view.picture.view),
                 wgpu::BindingResource::TextureView(ratio),
+                wgpu::BindingResource::TextureView(added),
                 wgpu::BindingResource::TextureView(&mip(0)),
             ],
         )];

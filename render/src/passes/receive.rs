@@ -14,6 +14,7 @@ pub struct Receive {
     bindings: wgpu::BindGroup,
     frame: wgpu::Buffer,
     target: wgpu::TextureView,
+    real_light: wgpu::TextureView,
     size_px: [u32; 2],
 }
 
@@ -23,14 +24,17 @@ impl Receive {
     pub fn new(gpu: &Gpu, inputs: Inputs<'_>, size_px: [u32; 2]) -> Self {
         let pipeline = gpu.compute_pipeline("receive");
         let frame = gpu.buffer("receive: frame", &[<GpuFrame as bytemuck::Zeroable>::zeroed()]);
-        let target = gpu
-            .texture("receive: ratio", TextureShape::plain(size_px), RADIANCE_FORMAT)
-            .create_view(&wgpu::TextureViewDescriptor::default());
-        // The camera and the objects' placements are of no use here, and the shader leaves them out.
+        let texture = |label| {
+            gpu.texture(label, TextureShape::plain(size_px), RADIANCE_FORMAT)
+                .create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let (target, real_light) = (texture("receive: ratio"), texture("receive: light of the room"));
+        // The camera, the objects' placements and the light of lamps are of no use here, and the shader leaves them out.
+        const UNUSED: [u32; 3] = [0, 1, 6];
         let resources = direct::resources(inputs);
         let mut entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(resources)
-            .skip(2)
+            .filter(|(binding, _)| !UNUSED.contains(binding))
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
         entries.extend(
@@ -40,6 +44,7 @@ impl Receive {
                     wgpu::BindingResource::TextureView(&inputs.light.place),
                     wgpu::BindingResource::TextureView(&inputs.light.normal),
                     wgpu::BindingResource::TextureView(&target),
+                    wgpu::BindingResource::TextureView(&real_light),
                 ])
                 .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }),
         );
@@ -53,6 +58,7 @@ impl Receive {
             bindings,
             frame,
             target,
+            real_light,
             size_px,
         }
     }
@@ -66,6 +72,12 @@ impl Receive {
     #[must_use]
     pub fn ratio(&self) -> &wgpu::TextureView {
         &self.target
+    }
+
+    /// Irradiance of all light in the room on phantoms that show any, past the real things; alpha 1 where there is one.
+    #[must_use]
+    pub fn real_light(&self) -> &wgpu::TextureView {
+        &self.real_light
     }
 
     /// Computes the ratios from the light on the phantoms.

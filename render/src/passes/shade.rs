@@ -29,6 +29,7 @@ struct Layer {
     pipeline: wgpu::RenderPipeline,
     bindings: wgpu::BindGroup,
     materials: wgpu::BindGroup,
+    lamps: wgpu::BindGroup,
 }
 
 /// What the pass draws.
@@ -91,9 +92,14 @@ impl Shade {
             wgpu::BindingResource::TextureView(&inputs.light.place),
             wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
+        let lamps = [
+            inputs.scene.lamps.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&inputs.light.lamp_shares),
+        ];
         let layer = |pipeline: wgpu::RenderPipeline| Layer {
             bindings: gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources),
             materials: inputs.scene.materials.bind(gpu, &pipeline.get_bind_group_layout(1)),
+            lamps: gpu.bind("shade: lamps", &pipeline.get_bind_group_layout(2), &lamps),
             pipeline,
         };
         let radiance = |samples| {
@@ -178,5 +184,6 @@ impl Layer {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
         pass.set_bind_group(1, &self.materials, &[]);
+        pass.set_bind_group(2, &self.lamps, &[]);
     }
 }

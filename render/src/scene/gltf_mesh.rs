@@ -81,11 +81,7 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         materials,
     };
     let mut mesh = Mesh::default();
-    let root = match up {
-        MeshUp::Z => Mat4::IDENTITY,
-        // +y of the file becomes +z: a quarter turn about x.
-        MeshUp::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
-    };
+    let root = up.object_from_file();
     // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
     let shown = document.default_scene().or_else(|| document.scenes().next());
     for node in shown.iter().flat_map(gltf::Scene::nodes) {

@@ -1,9 +1,11 @@
 //! The scene file: which objects there are, virtual and real, and where they stand.
 
 mod gltf_image;
+mod gltf_lights;
 mod gltf_material;
 mod gltf_mesh;
 mod gltf_vertices;
+pub mod lamp;
 mod lens_mesh;
 pub mod material;
 pub mod occluders;
@@ -12,12 +14,13 @@ mod tangents;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3, Mat4, Vec3};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
 use serde::Deserialize;
 
 pub use gltf_mesh::{Mesh, Vertex};
+pub use lamp::{Carrier, Lamp, LampKind, MAX_LAMPS};
 pub use lens_mesh::subdivided;
 pub use material::Material;
 
@@ -67,14 +70,23 @@ pub struct Object {
 pub struct Scene {
     /// Objects in the order of the file.
     pub objects: Vec<Object>,
+    /// Virtual lamps: those of the file, then those of the objects' glTF files.
+    pub lamps: Vec<Lamp>,
 }
+
+/// The rig's units of radiance per candela per square metre, where a scene does not say: paper under a desk lamp, 100 cd/m²,
+/// then has radiance 1.
+const RADIANCE_PER_NIT: f32 = 0.01;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SceneFile {
     version: u32,
+    radiance_per_nit: Option<f32>,
     #[serde(default, rename = "object")]
     objects: Vec<ObjectEntry>,
+    #[serde(default, rename = "lamp")]
+    lamps: Vec<lamp::LampEntry>,
 }
 
 #[derive(Deserialize)]
@@ -99,6 +111,17 @@ pub enum MeshUp {
     Y,
     /// Axes as they are.
     Z,
+}
+
+impl MeshUp {
+    /// The file's axes to the object's.
+    fn object_from_file(self) -> Mat4 {
+        match self {
+            Self::Z => Mat4::IDENTITY,
+            // +y of the file becomes +z: a quarter turn about x.
+            Self::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
+        }
+    }
 }
 
 impl Scene {
@@ -156,7 +179,9 @@ impl Scene {
                 mesh,
             });
         }
-        Ok(Self { objects })
+        let mut lamps = lamp::read(&parsed.lamps, (file, rig, &objects))?;
+        lamps.extend(gltf_lamps(&parsed, &objects, file)?);
+        Ok(Self { objects, lamps })
     }
 
     /// The virtual objects with their indices in [`Scene::objects`].
@@ -213,6 +238,30 @@ pub fn affine(pose: &Pose) -> Affine3A {
     let row = |i: usize| glam::DVec4::from_array(rows[i]);
     let matrix = glam::DMat4::from_cols(row(0), row(1), row(2), row(3)).transpose();
     Affine3A::from_mat4(matrix.as_mat4())
+}
+
+/// The lights in the glTF files of the virtual objects.
+fn gltf_lamps(parsed: &SceneFile, objects: &[Object], file: &Path) -> Result<Vec<Lamp>, RenderError> {
+    let radiance_per_nit = parsed.radiance_per_nit.unwrap_or(RADIANCE_PER_NIT);
+    if !(radiance_per_nit > 0.0 && radiance_per_nit.is_finite()) {
+        return Err(RenderError::Config {
+            file: file.to_owned(),
+            message: format!("`radiance_per_nit` is {radiance_per_nit}; it is above 0"),
+        });
+    }
+    let mut lamps = Vec::new();
+    for (index, (entry, object)) in parsed.objects.iter().zip(objects).enumerate() {
+        if object.kind == Kind::Virtual {
+            let of = gltf_lights::LightsOf {
+                object: &object.name,
+                index,
+                up: entry.mesh_up,
+                radiance_per_nit,
+            };
+            lamps.extend(gltf_lights::load(&object.file, &of)?);
+        }
+    }
+    Ok(lamps)
 }
 
 fn placement(entry: &ObjectEntry, rig: &Rig) -> Result<Placement, (&'static str, String)> {

@@ -67,7 +67,13 @@ pub(crate) fn scene_of(meshes: &[(&str, Mesh)]) -> (Scene, Vec<Affine3A>) {
             mesh: mesh.clone(),
         })
         .collect();
-    (Scene { objects }, vec![Affine3A::IDENTITY; meshes.len()])
+    (
+        Scene {
+            objects,
+            lamps: Vec::new(),
+        },
+        vec![Affine3A::IDENTITY; meshes.len()],
+    )
 }
 
 fn grey() -> Material {

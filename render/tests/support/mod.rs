@@ -229,6 +229,7 @@ pub(crate) fn scene(objects: impl IntoIterator<Item = (&'static str, Kind, Mesh)
     };
     Scene {
         objects: objects.into_iter().map(object).collect(),
+        lamps: Vec::new(),
     }
 }
 

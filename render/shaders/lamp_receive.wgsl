@@ -1,0 +1,86 @@
+// Real things in the light of virtual lamps: how light a surface is tells how much of a lamp's light it sends back. Albedo is
+// π times radiance, as the camera sees it, over irradiance. CPU twin: src/reference/lamp_receive.rs.
+
+#import camera
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read> response: array<f32>;
+@group(0) @binding(2) var picture: texture_2d<u32>;
+// Irradiance of all light in the room past the real things; w: 0 where there is no phantom, or one that mirrors.
+@group(0) @binding(3) var real_light: texture_2d<f32>;
+// Irradiance of virtual lamps, past all objects.
+@group(0) @binding(4) var light_lamps: texture_2d<f32>;
+// Albedo; w: 1 where it was estimated.
+@group(0) @binding(5) var out_albedo: texture_storage_2d<rgba16float, write>;
+// Radiance that the lamps add.
+@group(0) @binding(6) var out: texture_storage_2d<rgba16float, write>;
+
+// Nothing matt is lighter: fresh snow is not, and what looks lighter is clipped, glossy, or lit by light that was not measured.
+const LIGHTEST: f32 = 0.95;
+// Where the picture is too dark to tell, surfaces are taken to be as light as those of rooms are on average.
+const COMMON: f32 = 0.3;
+// A picture of white that is below this code tells nothing.
+const DARK_CODE: u32 = 2u;
+// Pixels whose codes differ by less show the same surface: some times the noise of a camera.
+const SAME_CODES: i32 = 4;
+// A change of radiance below this share changes no 8-bit code (shaders/receive.wgsl).
+const LEAST_CHANGE: f32 = 0.002;
+
+fn signal_at(code: vec3u) -> vec3f {
+    return vec3f(response[code.r], response[code.g], response[code.b]);
+}
+
+// Mean over the pixels around that show the same surface: a lamp is not to light up the camera's noise (Lee 1983, "Digital
+// image smoothing and the sigma filter").
+fn smooth_signal(pixel: vec2i) -> vec3f {
+    let own = textureLoad(picture, pixel, 0).rgb;
+    let size = vec2i(textureDimensions(picture));
+    var sum = vec3f(0.0);
+    var n = 0.0;
+    for (var dy = -2; dy <= 2; dy++) {
+        for (var dx = -2; dx <= 2; dx++) {
+            let at = pixel + vec2i(dx, dy);
+            if any(at < vec2i(0)) || any(at >= size) {
+                continue;
+            }
+            let code = textureLoad(picture, at, 0).rgb;
+            if all(abs(vec3i(code) - vec3i(own)) < vec3i(SAME_CODES)) {
+                sum += signal_at(code);
+                n += 1.0;
+            }
+        }
+    }
+    return sum / n;
+}
+
+// Radiance, in the rig's common RGB, of a signal.
+fn radiance_of(signal: vec3f, per_radiance: vec3f) -> vec3f {
+    return max((camera.common_from_camera * vec4f(signal / per_radiance, 0.0)).xyz, vec3f(0.0));
+}
+
+fn albedo_at(pixel: vec2i, irradiance: vec3f, per_radiance: vec3f) -> vec3f {
+    let sent = 3.1415927 * radiance_of(smooth_signal(pixel), per_radiance);
+    let dark = 3.1415927 * response[DARK_CODE] / per_radiance;
+    return min((sent + COMMON * dark) / (irradiance + dark), vec3f(LIGHTEST));
+}
+
+@compute @workgroup_size(8, 8, 1)
+fn main(@builtin(global_invocation_id) at: vec3u) {
+    if any(at.xy >= textureDimensions(picture)) {
+        return;
+    }
+    let light = textureLoad(real_light, at.xy, 0);
+    var albedo = vec4f(0.0);
+    var added = vec3f(0.0);
+    if light.w > 0.0 {
+        let per_radiance = camera.signal_per_radiance.xyz * vignetting(camera, vec2f(at.xy));
+        albedo = vec4f(albedo_at(vec2i(at.xy), light.rgb, per_radiance), 1.0);
+        added = albedo.rgb * textureLoad(light_lamps, at.xy, 0).rgb * 0.31830987;
+        let own = radiance_of(signal_at(textureLoad(picture, at.xy, 0).rgb), per_radiance);
+        if all(added <= LEAST_CHANGE * own) {
+            added = vec3f(0.0);
+        }
+    }
+    textureStore(out_albedo, at.xy, albedo);
+    textureStore(out, at.xy, vec4f(min(added, vec3f(60000.0)), 1.0));
+}

@@ -1,0 +1,67 @@
+//! Real things in the light of virtual lamps: their albedo, and the radiance that lamps add to the picture.
+
+use super::groups;
+use crate::camera_view::CameraView;
+use crate::gpu::Gpu;
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
+use crate::gpu::timer::Timer;
+use crate::passes::direct::ShadowedLight;
+use crate::passes::receive::Receive;
+use crate::shadow::dome::Step;
+
+/// The pass with its targets; without lamps it does nothing, and they stay black.
+#[derive(Debug)]
+pub struct LampReceive {
+    step: Option<Step>,
+    albedo: wgpu::TextureView,
+    added: wgpu::TextureView,
+    size_px: [u32; 2],
+}
+
+impl LampReceive {
+    /// A pass for `n_lamps` lamps that shine on the phantoms of `view`, whose light `light` and `receive` hold.
+    #[must_use]
+    pub fn new(gpu: &Gpu, view: &CameraView, (light, receive): (&ShadowedLight, &Receive), n_lamps: usize) -> Self {
+        let size_px = view.size_px();
+        let target = |label| {
+            gpu.texture(label, TextureShape::plain(size_px), RADIANCE_FORMAT)
+                .create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let (albedo, added) = (target("lamp_receive: albedo"), target("lamp_receive: radiance"));
+        let texture = |view| wgpu::BindingResource::TextureView(view);
+        let resources = [
+            view.camera.as_entire_binding(),
+            view.picture.response.as_entire_binding(),
+            texture(&view.picture.view),
+            texture(receive.real_light()),
+            texture(&light.lamps),
+            texture(&albedo),
+            texture(&added),
+        ];
+        Self {
+            step: (n_lamps > 0).then(|| Step::new(gpu, "lamp_receive", &resources)),
+            albedo,
+            added,
+            size_px,
+        }
+    }
+
+    /// Albedo of the phantoms as the picture shows them, linear RGB, at most 0.95; alpha 1 where there is one.
+    #[must_use]
+    pub fn albedo(&self) -> &wgpu::TextureView {
+        &self.albedo
+    }
+
+    /// Radiance that lamps add to real things, in the rig's common RGB.
+    #[must_use]
+    pub fn radiance(&self) -> &wgpu::TextureView {
+        &self.added
+    }
+
+    /// Fills both.
+    pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        if let Some(step) = &self.step {
+            step.record(encoder, timer, [groups(self.size_px[0]), groups(self.size_px[1]), 1]);
+        }
+    }
+}

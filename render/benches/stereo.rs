@@ -2,6 +2,8 @@
 //!
 //! `cargo bench -p mirrorball-render --bench stereo`. Prints medians; nothing is asserted.
 
+#![allow(clippy::print_stdout, reason = "a table is what this program is for")]
+
 #[path = "../tests/support/mod.rs"]
 mod support;
 

@@ -104,3 +104,31 @@ pub fn pinhole(scene_camera: &Camera, config: &ModeConfig) -> Camera {
     };
     eye
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use mirrorball_calib::rig::Rig;
+
+    use super::*;
+
+    #[test]
+    fn a_display_shows_the_cameras_field_of_view_or_its_own() {
+        let rig = Rig::from_toml(include_str!("../tests/support/rig.toml"), Path::new("rig.toml")).unwrap();
+        let camera = rig.scene_camera();
+        let mut config = ModeConfig {
+            eye_size_px: Some([160, 120]),
+            ..ModeConfig::default()
+        };
+        let eye = pinhole(camera, &config).intrinsics;
+        assert_eq!(eye.focal_px, 0.5 * camera.intrinsics.focal_px);
+        // The left edge of the picture, half a pixel before the first centre, is where it was.
+        let edge = |of: &Intrinsics| (of.principal_point_px.x + 0.5) / of.focal_px.x;
+        assert!((edge(&eye) - edge(&camera.intrinsics)).abs() < 1e-12);
+        config.field_of_view_deg = Some(90.0);
+        let eye = pinhole(camera, &config).intrinsics;
+        assert!((eye.focal_px - 80.0).abs().max_element() < 1e-9);
+        assert_eq!(eye.principal_point_px, DVec2::new(79.5, 59.5));
+    }
+}

@@ -410,7 +410,9 @@ fn a_display_that_one_looks_through_adds_light_and_takes_none_away() {
 
 #[test]
 fn vr_shows_virtual_objects_before_a_colour_or_the_light() {
-    let scene = sphere_over_ground(0.8);
+    // Without a phantom below, the sky goes on there.
+    let sphere = support::sphere(SPHERE_M, RADIUS_M, 24, support::diffuse(0.8));
+    let scene = support::scene([("sphere", Kind::Virtual, sphere)]);
     let colour = Vec3::new(0.1, 0.3, 0.02);
     for (backdrop, expected) in [
         (BackdropName::Colour, srgb(colour)),
@@ -421,7 +423,7 @@ fn vr_shows_virtual_objects_before_a_colour_or_the_light() {
         config.mode.backdrop = backdrop;
         config.mode.background = colour.to_array();
         let rendered = render(gpu, &scene, config);
-        // The upper corners are far from the sphere; ground and sky are alike there.
+        // The upper left corner is far from the sphere.
         let corner = (0..40).flat_map(|y| (0..40).map(move |x| (y, x)));
         let errors = Errors::of(
             &format!("backdrop {backdrop:?}, codes"),
@@ -448,7 +450,8 @@ fn vr_shows_phantoms_in_grey_with_the_shadows_of_virtual_objects() {
     let near_corner = codes[..40].iter().copied();
     let errors = Errors::of("grey ground, codes", near_corner.map(|c| c - f32::from(unshaded[1])));
     assert!(errors.worst < 5.0, "{errors:?}");
-    let n_shaded = codes.iter().filter(|&&c| c < 0.85 * f32::from(unshaded[1])).count();
+    // Below the sphere a quarter of the sky's light is gone, 11 % of the code.
+    let n_shaded = codes.iter().filter(|&&c| c < 0.95 * f32::from(unshaded[1])).count();
     assert!(n_shaded > 300, "{n_shaded} pixels are in the sphere's shadow");
 }
 

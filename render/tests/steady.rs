@@ -8,8 +8,10 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
-use mirrorball_capture::frame::FrameSet;
+use mirrorball_calib::rig::{Camera, Rig};
+use mirrorball_capture::frame::{Frame, FrameSet};
 use mirrorball_render::config::{RenderConfig, SceneCamera};
+use mirrorball_render::gpu::Gpu;
 use mirrorball_render::mode::Mode;
 use mirrorball_render::node::RenderNode;
 use mirrorball_render::scene::Kind;
@@ -57,62 +59,70 @@ fn held(node: &RenderNode) -> Held {
     }
 }
 
-/// Frame sets under a sky that changes, so that every frame measures the light anew.
-fn frame_sets(rig: &mirrorball_calib::rig::Rig, n: u64) -> Vec<FrameSet> {
+/// One frame set: the markers on the ground, or none, under a sky.
+fn frame_set(scene: &Frame, probe: &Camera, (sequence, sky): (u64, f64)) -> FrameSet {
+    let mut scene = scene.clone();
+    scene.meta.sequence = sequence;
+    scene.meta.timestamp_ns = 40_000_000 * sequence;
+    FrameSet {
+        frames: vec![scene, support::frame(probe, sequence, 1, |_| DVec3::splat(sky))],
+    }
+}
+
+fn ground(rig: &Rig) -> Frame {
     let from = DVec3::new(0.05, -0.30, 0.34);
     let world_from_camera = support::looking_at(DVec3::new(0.03, 0.0, 0.0), from).inverse();
-    let scene = support::frame(rig.scene_camera(), 0, 2, |ray| {
+    support::frame(rig.scene_camera(), 0, 2, |ray| {
         let direction = world_from_camera.transform_vector(ray);
         let ground = from - direction * (from.z / direction.z);
         DVec3::splat(3.0 * support::ground_reflectance(rig, ground))
-    });
-    (0..n)
-        .map(|sequence| {
-            let sky = 2.0 + 0.1 * (sequence % 5) as f64;
-            let mut scene = scene.clone();
-            scene.meta.sequence = sequence;
-            scene.meta.timestamp_ns = 40_000_000 * sequence;
-            let probe = support::frame(rig.probe_camera().unwrap(), sequence, 1, |_| DVec3::splat(sky));
-            FrameSet {
-                frames: vec![scene, probe],
-            }
-        })
-        .collect()
+    })
 }
 
-#[test]
-fn frame_after_frame_nothing_grows() {
-    /// Frames until buffers that are kept have grown to their size, and until the averages of the light are full.
-    const WARM: usize = 10;
-    const MEASURED: usize = 20;
-    let Some(gpu) = support::gpu() else { return };
-    let rig = support::rig();
+fn node(gpu: Gpu, rig: &Rig) -> RenderNode {
+    let sphere = support::sphere(Vec3::new(0.03, 0.02, 0.06), 0.03, 16, support::mirror());
     let scene = support::scene([
         ("ground", Kind::Phantom, support::square(Vec3::ZERO, Vec3::X, Vec3::Y)),
-        (
-            "sphere",
-            Kind::Virtual,
-            support::sphere(Vec3::new(0.03, 0.02, 0.06), 0.03, 16, support::mirror()),
-        ),
+        ("sphere", Kind::Virtual, sphere),
     ]);
     let mut config = RenderConfig::default();
     config.probe.cube_size = 32;
     config.probe.scene_camera = SceneCamera::Ignored;
     config.mode.name = Mode::Stereo;
+    config.mode.eye_size_px = Some([160, 120]);
     let mut node = RenderNode::new(gpu, rig.clone(), &scene, config).unwrap();
     node.show(&["ratio".parse().unwrap()]);
-    let sets = frame_sets(&rig, (WARM + MEASURED) as u64);
-    for set in &sets[..WARM] {
-        assert!(node.render(set).unwrap().pose.camera_from_world().is_some());
-    }
-    let before = held(&node);
-    let n_before = N_ALLOCATIONS.load(Ordering::Relaxed);
-    for set in &sets[WARM..] {
+    node
+}
+
+/// Renders all sets; allocations per frame.
+fn run(node: &mut RenderNode, sets: &[FrameSet]) -> u64 {
+    let before = N_ALLOCATIONS.load(Ordering::Relaxed);
+    for set in sets {
         node.render(set).unwrap();
     }
-    let per_frame = (N_ALLOCATIONS.load(Ordering::Relaxed) - n_before) / MEASURED as u64;
+    (N_ALLOCATIONS.load(Ordering::Relaxed) - before) / sets.len() as u64
+}
+
+#[test]
+fn frame_after_frame_nothing_grows() {
+    /// Frames until buffers that are kept have grown to their size, and until the averages of the light are full.
+    const WARM: u64 = 10;
+    const MEASURED: u64 = 20;
+    let Some(gpu) = support::gpu() else { return };
+    let rig = support::rig();
+    let mut node = node(gpu, &rig);
+    let (scene, probe) = (ground(&rig), rig.probe_camera().unwrap());
+    // A sky that changes, so that every frame measures the light anew.
+    let sets: Vec<FrameSet> = (0..WARM + MEASURED)
+        .map(|sequence| frame_set(&scene, probe, (sequence, 2.0 + 0.1 * (sequence % 5) as f64)))
+        .collect();
+    let (warm, measured) = sets.split_at(WARM as usize);
+    run(&mut node, warm);
+    let before = held(&node);
+    let per_frame = run(&mut node, measured);
     let after = held(&node);
-    println!("{per_frame} allocations per frame; {before:?}, then {after:?}");
+    println!("{before:?}, after {MEASURED} more frames {after:?}");
     if let Some(memory) = node.gpu().memory() {
         println!("GPU memory: {memory:#?}");
     }
@@ -125,4 +135,18 @@ fn frame_after_frame_nothing_grows() {
         grown < SLACK_BYTES,
         "{grown} bytes more in memory after {MEASURED} frames"
     );
+
+    // The last light again: nothing is measured. Then a picture without markers: nothing is drawn but the picture.
+    let same: Vec<FrameSet> = (0..3).map(|_| measured[measured.len() - 1].clone()).collect();
+    let drawn = run(&mut node, &same);
+    let plain = support::frame(rig.scene_camera(), 0, 1, |_| DVec3::splat(1.0));
+    let lost: Vec<FrameSet> = (0..3).map(|_| frame_set(&plain, probe, (99, 2.0))).collect();
+    run(&mut node, &lost[..1]);
+    let without_pose = run(&mut node, &lost[1..]);
+    println!(
+        "allocations per frame: {per_frame}; where the light was measured before {drawn}; without a pose {without_pose}"
+    );
+    // What remains: the result, commands as wgpu records them, lists of markers, lights and readings.
+    const MOST: u64 = 10_000;
+    assert!(per_frame < MOST, "{per_frame} allocations per frame");
 }

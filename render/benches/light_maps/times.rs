@@ -128,7 +128,7 @@ impl Ball {
 pub(crate) fn print() -> Result<(), Box<dyn Error>> {
     let mut stage = Stage::new()?;
     stage.upload(&rooms::all()[1].1);
-    let ball = Ball::new(&stage);
+    let mut ball = Ball::new(&stage);
     println!("\n### Time, ms, of {RUNS} runs\n");
     println!("By the clock: from recording to done, submission included. By the GPU: sum of the passes' time stamps");
     println!("(software drivers end a compute pass's stamp before its work is done: there only the clock counts).\n");
@@ -141,10 +141,10 @@ pub(crate) fn print() -> Result<(), Box<dyn Error>> {
     };
     use DiffuseMethod as D;
     use SpecularMethod as S;
-    measure(&mut stage, Some(&ball), None)?.print("ball 512² to cube 128², copied to memory");
+    measure(&mut stage, Some(&mut ball), None)?.print("ball 512² to cube 128², copied to memory");
     let maps = stage.maps(&config(D::Sh9, S::Ggx));
     measure(&mut stage, None, Some(&maps))?.print("cube 128² to mips, SH9 and GGX, 5 mips");
-    measure(&mut stage, Some(&ball), Some(&maps))?.print("**ball to SH9 and GGX**");
+    measure(&mut stage, Some(&mut ball), Some(&maps))?.print("**ball to SH9 and GGX**");
     for (what, config) in [
         ("mips, SH9", config(D::Sh9, S::Ggx)),
         ("mips, cosine cube 32²", config(D::CosineCube, S::Ggx)),
@@ -172,12 +172,12 @@ pub(crate) fn print() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn measure(stage: &mut Stage, ball: Option<&Ball>, maps: Option<&LightMaps>) -> Result<Runs, RenderError> {
+fn measure(stage: &mut Stage, mut ball: Option<&mut Ball>, maps: Option<&LightMaps>) -> Result<Runs, RenderError> {
     let mut runs = Runs::default();
     for run in 0..WARM_UP + RUNS {
         stage.timer.start_frame();
         let begun = Instant::now();
-        if let Some(ball) = ball {
+        if let Some(ball) = ball.as_deref_mut() {
             ball.run(stage)?;
         }
         let mut encoder = stage

@@ -5,7 +5,7 @@ use super::readback::Readback;
 use crate::error::RenderError;
 
 /// Most passes timed in a frame.
-const MAX_PASSES: usize = 64;
+const MAX_PASSES: usize = 128;
 
 /// Time stamps around passes; does nothing where the adapter has none.
 #[derive(Debug)]

@@ -11,6 +11,7 @@ use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
 use crate::passes::lens_surface::LensSurface;
+use crate::passes::look_blur::LookBlur;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
@@ -35,6 +36,8 @@ pub struct Eye {
     pub depth: CameraDepth,
     /// Virtual objects as radiance.
     pub shade: Shade,
+    /// The camera's blur on virtual objects and on their shadows.
+    pub look: LookBlur,
     /// The finished picture.
     pub composite: Composite,
 }
@@ -94,6 +97,7 @@ impl Eye {
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             real: RealRadiance::new(gpu, view, receive.ratio()),
+            look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio()], size_px),
             composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
             shadows: eye_shadows,
             virtuals,

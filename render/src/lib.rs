@@ -36,6 +36,7 @@ pub mod gpu;
 pub mod lab;
 pub mod light_maps;
 pub mod light_tree;
+pub mod look;
 pub mod measure;
 pub mod node;
 pub mod output;

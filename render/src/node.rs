@@ -15,6 +15,7 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
 use crate::light_maps::LightMaps;
+use crate::look::sharpness::{Estimate, Sharpness};
 use crate::measure::BlindView;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
@@ -104,6 +105,7 @@ pub struct RenderNode {
     pub(crate) checked_sets: u32,
     pub(crate) occluders: Occluders,
     pub(crate) tracker: Tracker,
+    pub(crate) sharpness: Sharpness,
     pub(crate) probe: LightProbe,
     pub(crate) light: Option<Light>,
     /// Per camera of the rig, the last frame that was taken into the light.
@@ -203,6 +205,7 @@ impl RenderNode {
         )?;
         Ok(Self {
             tracker: Tracker::new(&rig),
+            sharpness: Sharpness::default(),
             timer: Timer::new(&gpu),
             light: None,
             measured: vec![None; rig.cameras.len()],
@@ -292,6 +295,12 @@ impl RenderNode {
     #[must_use]
     pub fn light(&self) -> Option<&Light> {
         self.light.as_ref()
+    }
+
+    /// How blurred the scene camera's pictures are; `None` before that was measured, or with `look.sharpness = "off"`.
+    #[must_use]
+    pub fn sharpness(&self) -> Option<Estimate> {
+        self.sharpness.estimate()
     }
 
     /// What is known about the light now; `None` before any was measured.

@@ -24,6 +24,7 @@ const SHARED: &[(&str, &str)] = &[
     ("path_material", include_str!("../../shaders/shared/path_material.wgsl")),
     ("material", include_str!("../../shaders/shared/material.wgsl")),
     ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
+    ("noise", include_str!("../../shaders/shared/noise.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("real_surface", include_str!("../../shaders/shared/real_surface.wgsl")),
@@ -48,6 +49,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("key_light_pair", include_str!("../../shaders/key_light_pair.wgsl")),
     ("path_light_pair", include_str!("../../shaders/path_light_pair.wgsl")),
     ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
+    ("look_blur", include_str!("../../shaders/look_blur.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),

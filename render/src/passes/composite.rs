@@ -5,6 +5,7 @@ use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::readback::Readback;
 use crate::gpu::timer::{Ends, Timer};
+use crate::gpu::types::GpuNoise;
 use crate::passes::receive::Receive;
 use crate::passes::shade::Shade;
 use crate::scene_gpu::PictureBuffers;
@@ -15,11 +16,13 @@ pub struct Composite {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
     out: Readback,
+    noise: wgpu::Buffer,
     size_px: [u32; 2],
 }
 
 impl Composite {
-    /// A pass for pictures of `size_px`, with the scene camera in the uniform buffer `camera`.
+    /// A pass for pictures of `size_px`, with the scene camera in the uniform buffer `camera`; noise is none until
+    /// [`Composite::set_noise`].
     #[must_use]
     pub fn new(
         gpu: &Gpu,
@@ -34,6 +37,7 @@ impl Composite {
             "composite: codes",
             4 * u64::from(size_px[0]) * u64::from(size_px[1]),
         );
+        let noise = gpu.buffer("composite: noise", &[<GpuNoise as bytemuck::Zeroable>::zeroed()]);
         let bindings = gpu.bind(
             "composite",
             &pipeline.get_bind_group_layout(0),
@@ -44,14 +48,21 @@ impl Composite {
                 wgpu::BindingResource::TextureView(shade.radiance()),
                 wgpu::BindingResource::TextureView(receive.ratio()),
                 out.buffer().as_entire_binding(),
+                noise.as_entire_binding(),
             ],
         );
         Self {
             pipeline,
             bindings,
             out,
+            noise,
             size_px,
         }
+    }
+
+    /// The noise that the pixels of the next picture get where they are not the camera's own.
+    pub fn set_noise(&self, gpu: &Gpu, noise: &GpuNoise) {
+        gpu.write(&self.noise, &[*noise]);
     }
 
     /// Mixes, and copies the result to memory.

@@ -13,6 +13,8 @@ pub mod highlight;
 pub mod irradiance;
 pub mod irradiance_cube;
 pub mod lobe_sum;
+pub mod look_blur;
+pub mod noise;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod real_radiance;

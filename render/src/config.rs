@@ -26,6 +26,8 @@ pub struct RenderConfig {
     pub view: ViewConfig,
     /// What is shown, and to how many eyes.
     pub mode: ModeConfig,
+    /// What virtual pixels have of the camera.
+    pub look: LookConfig,
 }
 
 /// How the probe's picture becomes light.
@@ -315,6 +317,45 @@ impl ModeConfig {
     }
 }
 
+/// What virtual pixels have of the camera beside its lens and its response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LookConfig {
+    /// Blur of virtual objects and their shadows.
+    pub sharpness: Sharpness,
+    /// Noise of virtual and shaded pixels.
+    pub noise: Noise,
+}
+
+impl Default for LookConfig {
+    fn default() -> Self {
+        Self {
+            sharpness: Sharpness::Measured,
+            noise: Noise::Measured,
+        }
+    }
+}
+
+/// How sharp virtual objects are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sharpness {
+    /// As sharp as the edges of the markers in the same picture: out of focus, blurred by motion, soft.
+    Measured,
+    /// As sharp as pixels allow.
+    Off,
+}
+
+/// Noise of the pixels that are not the camera's own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Noise {
+    /// Shot noise and read noise by the rig's `full_well_e` and `read_noise_e`.
+    Measured,
+    /// None.
+    Off,
+}
+
 impl RenderConfig {
     /// Reads a settings file.
     ///
@@ -348,6 +389,8 @@ impl RenderConfig {
             shadow,
             view,
             mode,
+            // Names only; serde has checked them.
+            look: LookConfig { sharpness: _, noise: _ },
         } = self;
         mode.check()?;
         within("probe.cube_size", f64::from(probe.cube_size), 32.0, 512.0)?;
@@ -430,6 +473,8 @@ mod tests {
                 "[light]\nextraction = \"brightest\"",
                 "unknown variant `brightest`, expected one of `stable`, `median_cut`, `regions`",
             ),
+            ("[look]\nnoise = 1", "invalid type"),
+            ("[look]\nsharpness = \"on\"", "expected `measured` or `off`"),
             (
                 "[light]\nspecular = \"blinn\"",
                 "expected one of `ggx`, `phong`, `highlight`",

@@ -13,6 +13,7 @@ use crate::error::RenderError;
 use crate::eye_view::EyeView;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
+use crate::gpu::types::GpuNoise;
 use crate::mode::Surround;
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
@@ -21,6 +22,7 @@ use crate::passes::display::{self, Display};
 use crate::passes::lamp_light::LampLight;
 use crate::passes::lamp_receive::LampReceive;
 use crate::passes::lens_surface::LensSurface;
+use crate::passes::look_blur::LookBlur;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
@@ -44,6 +46,14 @@ impl Finish {
         match self {
             Self::Picture(composite) => composite.codes(),
             Self::Display(display) => display.codes(),
+        }
+    }
+
+    /// The noise that the pixels of the next picture get where they are not the camera's own; a display has none.
+    pub fn set_noise(&self, gpu: &Gpu, noise: &GpuNoise) {
+        match self {
+            Self::Picture(composite) => composite.set_noise(gpu, noise),
+            Self::Display(_) => {}
         }
     }
 
@@ -88,6 +98,8 @@ pub struct Eye {
     pub depth: CameraDepth,
     /// Virtual objects as radiance.
     pub shade: Shade,
+    /// The camera's blur on virtual objects and on their shadows.
+    pub look: LookBlur,
     /// The finished picture.
     pub finish: Finish,
     hiding: Hiding,
@@ -176,6 +188,11 @@ impl Eye {
         };
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
+            look: LookBlur::new(
+                gpu,
+                &[shade.radiance(), receive.ratio(), lamp_receive.radiance()],
+                size_px,
+            ),
             real,
             finish,
             hiding,

@@ -7,9 +7,10 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
+use crate::config;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
+use crate::gpu::types::{GpuCamera, GpuFrame, GpuNoise, GpuStrong, MAX_STRONG};
 use crate::mode::Viewers;
 use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::passes::lamp_light::GpuLamps;
@@ -35,6 +36,10 @@ impl RenderNode {
 
         let pose = self.tracker.locate(frame, &self.rig, self.rig.scene_camera());
         stages_ms.push(("track", ms_since(started)));
+
+        let begun = Instant::now();
+        self.measure_look(frame, pose.camera_from_world());
+        stages_ms.push(("look", ms_since(begun)));
 
         let begun = Instant::now();
         self.seen.picture.upload(&self.gpu, frame);
@@ -75,6 +80,34 @@ impl RenderNode {
             rgba,
             stages_ms,
         })
+    }
+
+    /// Measures how blurred the picture is.
+    fn measure_look(&mut self, frame: &Frame, camera_from_world: Option<&Pose>) {
+        match (self.config.look.sharpness, camera_from_world) {
+            (config::Sharpness::Measured, Some(pose)) => {
+                self.sharpness
+                    .update(frame, self.rig.scene_camera(), &self.rig.markers, pose);
+            }
+            (config::Sharpness::Measured, None) | (config::Sharpness::Off, _) => {}
+        }
+    }
+
+    /// Gives the virtual pixels of every eye the blur and the noise of this frame.
+    fn set_look(&mut self, frame: &Frame) {
+        let noise = match self.config.look.noise {
+            config::Noise::Measured => {
+                let photometry = &self.rig.scene_camera().photometry;
+                GpuNoise::new(photometry, &frame.meta.exposure, frame.meta.sequence)
+            }
+            config::Noise::Off => <GpuNoise as bytemuck::Zeroable>::zeroed(),
+        };
+        let blur_px2 = self.sharpness.blur_px2();
+        for eye in &mut self.eyes {
+            // A display shows objects as sharp as they are; so does a view of an eye's own, whose pixels are others.
+            eye.look.set(&self.gpu, blur_px2.filter(|_| eye.own.is_none()));
+            eye.finish.set_noise(&self.gpu, &noise);
+        }
     }
 
     /// The light moved to every virtual object, and nothing else.
@@ -123,6 +156,7 @@ impl RenderNode {
     /// Every pass of the picture, in order.
     fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
         self.upload(frame, camera_from_world, light);
+        self.set_look(frame);
         let of_frame = self.gpu_frame();
         let gpu = &self.gpu;
         let encoder = |label| {
@@ -170,6 +204,7 @@ impl RenderNode {
             eye.real.record(&mut encoder, timer);
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
+            eye.look.record(&mut encoder, timer);
             eye.finish.record(&mut encoder, timer);
         }
         self.insets.record(&mut encoder, timer);

@@ -40,6 +40,7 @@ pub mod insets;
 pub mod lab;
 pub mod light_maps;
 pub mod light_tree;
+pub mod look;
 pub mod measure;
 pub mod mode;
 pub mod node;

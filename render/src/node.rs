@@ -17,6 +17,7 @@ use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
 use crate::insets::{Buffer, Insets, Sources};
 use crate::light_maps::LightMaps;
+use crate::look::sharpness::{Estimate, Sharpness};
 use crate::measure::BlindView;
 use crate::mode::Mode;
 use crate::passes::irradiance::Irradiance;
@@ -110,6 +111,7 @@ pub struct RenderNode {
     pub(crate) checked_sets: u32,
     pub(crate) occluders: Occluders,
     pub(crate) tracker: Tracker,
+    pub(crate) sharpness: Sharpness,
     pub(crate) probe: LightProbe,
     pub(crate) light: Option<Light>,
     /// Per camera of the rig, the last frame that was taken into the light.
@@ -215,6 +217,7 @@ impl RenderNode {
         let eyes = eyes(&gpu, eye_inputs, &room)?;
         Ok(Self {
             tracker: Tracker::new(&rig),
+            sharpness: Sharpness::default(),
             timer: Timer::new(&gpu),
             light: None,
             measured: vec![None; rig.cameras.len()],
@@ -340,6 +343,12 @@ impl RenderNode {
     #[must_use]
     pub fn light(&self) -> Option<&Light> {
         self.light.as_ref()
+    }
+
+    /// How blurred the scene camera's pictures are; `None` before that was measured, or with `look.sharpness = "off"`.
+    #[must_use]
+    pub fn sharpness(&self) -> Option<Estimate> {
+        self.sharpness.estimate()
     }
 
     /// What is known about the light now; `None` before any was measured.

@@ -9,7 +9,7 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::radiance::Picture;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
-use mirrorball_render::config::{DiffuseMethod, RenderConfig, SceneCamera, SpecularMethod};
+use mirrorball_render::config::{DiffuseMethod, Noise, RenderConfig, SceneCamera, SpecularMethod};
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
@@ -34,6 +34,8 @@ fn config() -> RenderConfig {
     config.probe.cube_size = 64;
     // The ground with its markers is to be light from nowhere: the sky goes on below.
     config.probe.scene_camera = SceneCamera::Ignored;
+    // Light is compared pixel by pixel; `look.rs` is about noise.
+    config.look.noise = Noise::Off;
     config
 }
 

@@ -6,8 +6,8 @@ use std::mem::offset_of;
 use mirrorball_render::environments::SH_STRIDE_BYTES;
 use mirrorball_render::gpu::shader::{PASSES, resolve};
 use mirrorball_render::gpu::types::{
-    GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMap, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn,
-    MAX_ENVIRONMENTS,
+    GpuBlurLine, GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMap, GpuMaterial, GpuNode, GpuNoise, GpuObject,
+    GpuProbe, GpuTurn, MAX_ENVIRONMENTS,
 };
 use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
@@ -253,6 +253,12 @@ fn structs_of_the_light_maps_have_one_layout() {
     }
     assert_same_layout!("prefilter_specular", "Lobe", GpuLobe { parameters });
     assert_same_layout!("cylindrical", "Turn", GpuTurn { axis, sweep });
+}
+
+#[test]
+fn structs_of_the_cameras_look_have_one_layout() {
+    assert_same_layout!("composite", "Noise", GpuNoise { shot, read, frame });
+    assert_same_layout!("look_blur", "Line", GpuBlurLine { step, weights });
 }
 
 #[test]

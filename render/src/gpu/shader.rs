@@ -27,6 +27,7 @@ const SHARED: &[(&str, &str)] = &[
     ("path_material", include_str!("../../shaders/shared/path_material.wgsl")),
     ("material", include_str!("../../shaders/shared/material.wgsl")),
     ("map_view", include_str!("../../shaders/shared/map_view.wgsl")),
+    ("noise", include_str!("../../shaders/shared/noise.wgsl")),
     ("picture", include_str!("../../shaders/shared/picture.wgsl")),
     ("response", include_str!("../../shaders/shared/response.wgsl")),
     ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
@@ -62,6 +63,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("lamp_receive", include_str!("../../shaders/lamp_receive.wgsl")),
     ("lamp_shares", include_str!("../../shaders/lamp_shares.wgsl")),
     ("lens_surface", include_str!("../../shaders/lens_surface.wgsl")),
+    ("look_blur", include_str!("../../shaders/look_blur.wgsl")),
     (
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),

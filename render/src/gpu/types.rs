@@ -5,6 +5,8 @@ use crate::scene::material::N_TEXTURES;
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec4};
 use mirrorball_calib::camera::LensModel;
+use mirrorball_calib::merge::noise::ChannelNoise;
+use mirrorball_calib::photometry::Photometry;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::Exposure;
@@ -83,6 +85,46 @@ impl GpuCamera {
 
 fn inverse(matrix: DMat3) -> Mat3 {
     matrix.inverse().as_mat3()
+}
+
+/// Noise of a camera's pixels (`Noise` in `shared/noise.wgsl`); all zeros for none.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuNoise {
+    /// xyz: variance of the signal of red, green and blue per unit of signal; w: unused.
+    pub shot: Vec4,
+    /// xyz: variance of the signal whatever the light; w: unused.
+    pub read: Vec4,
+    /// x: number of the frame; y, z, w: unused.
+    pub frame: [u32; 4],
+}
+
+impl GpuNoise {
+    /// The measured noise of a camera's frame `sequence`: shot noise and read noise, times gain and white balance.
+    #[must_use]
+    pub fn new(photometry: &Photometry, exposure: &Exposure, sequence: u64) -> Self {
+        let channels = photometry.channel_noise(exposure);
+        let of = |variance: fn(&ChannelNoise) -> f64| {
+            let [red, green, blue] = channels.each_ref().map(|channel| variance(channel) as f32);
+            Vec4::new(red, green, blue, 0.0)
+        };
+        Self {
+            shot: of(|channel| channel.signal_per_electron),
+            read: of(|channel| (channel.signal_per_electron * channel.read_noise_e).powi(2)),
+            // Two frames whose numbers agree in the lower half are years apart.
+            frame: [sequence as u32, 0, 0, 0],
+        }
+    }
+}
+
+/// A line of taps of the camera's blur (`Line` in `look_blur.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuBlurLine {
+    /// x, y: from one tap to the next, pixels; z: taps on each side of the middle; w: unused.
+    pub step: [i32; 4],
+    /// Weights from the middle outwards.
+    pub weights: [Vec4; 5],
 }
 
 /// How the probe is looked at (`Probe` in `radiance_map.wgsl`).

@@ -16,6 +16,7 @@ pub mod lamp_receive;
 pub mod lens_surface;
 pub(crate) mod lobe_sum;
 pub mod local_environment;
+pub mod look_blur;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod radiance_map;

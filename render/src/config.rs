@@ -130,6 +130,8 @@ pub struct LightConfig {
     pub diffuse: DiffuseMethod,
     /// Reflections.
     pub specular: SpecularMethod,
+    /// How often light is scattered between the facets of rough surfaces.
+    pub facets: Facets,
     /// Means of the light above which `specular = "highlight"` keeps it, 0 ..= 1000.
     pub highlight_threshold: f32,
 }
@@ -140,6 +142,7 @@ impl Default for LightConfig {
             extraction: LightMethod::Stable,
             diffuse: DiffuseMethod::Lights,
             specular: SpecularMethod::Ggx,
+            facets: Facets::Single,
             highlight_threshold: 4.0,
         }
     }
@@ -178,6 +181,16 @@ pub enum SpecularMethod {
     Highlight,
     /// Sphere map in eye space, without roughness and parallax (Supan 2006).
     SphereMap,
+}
+
+/// How often light is scattered between the facets of rough surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Facets {
+    /// Once, as glTF 2.0 has it: rough metals are darker than they are in nature.
+    Single,
+    /// Until it leaves: a white metal sends back all light, however rough (Turquin 2019).
+    Multiple,
 }
 
 /// How lights are chosen and their shadows filtered.
@@ -341,6 +354,10 @@ mod tests {
             (
                 "[light]\nspecular = \"blinn\"",
                 "expected one of `ggx`, `phong`, `highlight`",
+            ),
+            (
+                "[light]\nfacets = \"all\"",
+                "unknown variant `all`, expected `single` or `multiple`",
             ),
             (
                 "[light]\nhighlight_threshold = -1",

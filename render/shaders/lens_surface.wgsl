@@ -16,6 +16,7 @@ struct Corner {
     // Both sets of texture coordinates.
     @location(4) uvs: vec4f,
     @location(5) color: vec4f,
+    @location(6) tangent: vec4f,
 }
 
 struct Targets {
@@ -31,12 +32,14 @@ fn vertex(
     @location(3) material: u32,
     @location(4) uv: vec2f,
     @location(5) uv1: vec2f,
+    @location(6) tangent: vec4f,
     @location(7) color: vec4f,
 ) -> Corner {
     let world_from_object = objects[object].world_from_object;
     let place = (world_from_object * vec4f(position, 1.0)).xyz;
     let direction = (world_from_object * vec4f(normal, 0.0)).xyz;
-    return Corner(clip_of(camera, place), place, direction, object, material, vec4f(uv, uv1), color);
+    let along = vec4f((world_from_object * vec4f(tangent.xyz, 0.0)).xyz, tangent.w);
+    return Corner(clip_of(camera, place), place, direction, object, material, vec4f(uv, uv1), color, along);
 }
 
 @fragment
@@ -45,16 +48,16 @@ fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> Targets {
         max(length(dpdx(corner.uvs.xy)), length(dpdy(corner.uvs.xy))),
         max(length(dpdx(corner.uvs.zw)), length(dpdy(corner.uvs.zw))),
     );
-    let point = MeshPoint(corner.normal, vec4f(0.0), corner.uvs.xy, corner.uvs.zw, corner.color, corner.material);
-    // Phantoms are whole whatever their files say of sides and alpha.
-    if objects[corner.object].environment.y == 1u && coverage_at(point, spread, is_front) < 0.5 {
-        discard;
-    }
-    let to_eye = camera.position_m.xyz - corner.place;
-    var normal = normalize(corner.normal);
-    if dot(normal, to_eye) < 0.0 {
-        // Seen from behind (an open mesh) or an interpolated normal turned away at the outline.
-        normal = normalize(normal - 1.01 * dot(normal, to_eye) / dot(to_eye, to_eye) * to_eye);
+    let to_eye = normalize(camera.position_m.xyz - corner.place);
+    var normal = turned_to_eye(normalize(corner.normal), to_eye);
+    // Phantoms are whole whatever their files say of sides and alpha, and as smooth as their meshes.
+    if objects[corner.object].environment.y == 1u {
+        let point = MeshPoint(normal, corner.tangent, corner.uvs.xy, corner.uvs.zw, corner.color, corner.material);
+        if coverage_at(point, spread, is_front) < 0.5 {
+            discard;
+        }
+        let scale = materials[corner.material].surface.z;
+        normal = turned_to_eye(mapped_normal(NORMAL_MAP, point, spread, scale), to_eye);
     }
     return Targets(vec4f(corner.place, 1.0), vec4f(normal, f32(corner.object)));
 }

@@ -204,13 +204,6 @@ fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
     return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
 }
 
-// A unit normal on the eye's side: seen from behind (an open mesh), or turned away at the outline by interpolation or by a
-// normal map, it is bent into the outline.
-fn towards_eye(normal: vec3f, to_eye: vec3f) -> vec3f {
-    let cosine = dot(normal, to_eye);
-    return select(normal, normalize(normal - 1.01 * cosine * to_eye), cosine < 0.0);
-}
-
 // Radiance of the virtual lamps that a surface and its coat mirror. The metal's and the dielectric's highlights are one, its
 // reflectance between theirs.
 fn mirrored_lamps(corner: Corner, made: Substance, to_eye: vec3f, least_roughness: f32) -> vec3f {
@@ -232,8 +225,8 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
     if made.model == UNLIT {
         return made.base_color.rgb / camera.signal_per_radiance.y;
     }
-    made.normal = towards_eye(made.normal, to_eye);
-    made.coat_normal = towards_eye(made.coat_normal, to_eye);
+    made.normal = turned_to_eye(made.normal, to_eye);
+    made.coat_normal = turned_to_eye(made.coat_normal, to_eye);
     // What a pixel's reflection sweeps is no sharper than a lobe as wide: its deviation is 0.29 of the sweep, that of a
     // reflected GGX lobe about 3 alpha.
     let least_roughness = sqrt(0.1 * max(swept_rad - TEXEL_RAD, 0.0));
@@ -250,7 +243,9 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
         light.coat_mirrored = made.occlusion * reflected_radiance(slot, corner.position, mirrored, max(made.coat_roughness, least_roughness));
     }
     if made.transmission > 0.0 {
-        light.through = reflected_radiance(slot, corner.position, -to_eye, made.roughness);
+        // KHR_materials_volume: Beer's law along the surface's own thickness.
+        let kept = pow(max(made.attenuation.rgb, vec3f(1e-6)), vec3f(made.thickness_m / made.attenuation.w));
+        light.through = kept * reflected_radiance(slot, corner.position, -to_eye, made.roughness);
     }
     return sent_radiance(made, to_eye, light) + mirrored_lamps(corner, made, to_eye, least_roughness);
 }
@@ -267,7 +262,7 @@ fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> @location(
         max(length(dpdx(corner.uv)), length(dpdy(corner.uv))),
         max(length(dpdx(corner.uv1)), length(dpdy(corner.uv1))),
     );
-    let normal = towards_eye(interpolated, to_eye);
+    let normal = turned_to_eye(interpolated, to_eye);
     let point = MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material);
     let coverage = coverage_at(point, spread, is_front);
     if coverage <= 0.0 {

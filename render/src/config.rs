@@ -136,6 +136,8 @@ pub struct LightConfig {
     pub diffuse: DiffuseMethod,
     /// Reflections.
     pub specular: SpecularMethod,
+    /// How often light is scattered between the facets of rough surfaces.
+    pub facets: Facets,
     /// Means of the light above which `specular = "highlight"` keeps it, 0 ..= 1000.
     pub highlight_threshold: f32,
 }
@@ -146,6 +148,7 @@ impl Default for LightConfig {
             extraction: LightMethod::Stable,
             diffuse: DiffuseMethod::Lights,
             specular: SpecularMethod::Ggx,
+            facets: Facets::Single,
             highlight_threshold: 4.0,
         }
     }
@@ -186,6 +189,16 @@ pub enum SpecularMethod {
     SphereMap,
     /// GGX lobes in a cube of 16 texels a side, without parallax: what light estimation on phones gives.
     SmallCube,
+}
+
+/// How often light is scattered between the facets of rough surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Facets {
+    /// Once, as glTF 2.0 has it: rough metals are darker than they are in nature.
+    Single,
+    /// Until it leaves: a white metal sends back all light, however rough (Turquin 2019).
+    Multiple,
 }
 
 /// How lights are chosen and their shadows filtered.
@@ -501,6 +514,10 @@ mod tests {
             ),
             ("[mode]\nphantoms = \"red\"", "expected `left_out` or `grey`"),
             ("[mode]\nbackdrop = \"sky\"", "expected `colour` or `environment`"),
+            (
+                "[light]\nfacets = \"all\"",
+                "unknown variant `all`, expected `single` or `multiple`",
+            ),
             (
                 "[light]\nhighlight_threshold = -1",
                 "`light.highlight_threshold` is `-1`; allowed are 0 ..= 1000",

@@ -78,23 +78,23 @@ impl SceneMaterials {
     /// Group 1 of a pass that asks for whole substances, for the group's `layout`.
     #[must_use]
     pub fn bind(&self, gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
-        let [materials, sampler, colors] = self.mask_resources();
-        let view = wgpu::BindingResource::TextureView;
-        let resources = [materials, sampler, colors, view(&self.values), view(&self.albedos)];
-        gpu.bind("materials", layout, &resources)
+        let [materials, sampler, colors, values] = self.shape_resources();
+        let albedos = wgpu::BindingResource::TextureView(&self.albedos);
+        gpu.bind("materials", layout, &[materials, sampler, colors, values, albedos])
     }
 
-    /// Group 1 of a pass that asks for alpha alone.
+    /// Group 1 of a pass that asks for coverage and normals alone.
     #[must_use]
-    pub fn bind_mask(&self, gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
-        gpu.bind("materials: alpha", layout, &self.mask_resources())
+    pub fn bind_shape(&self, gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
+        gpu.bind("materials: shape", layout, &self.shape_resources())
     }
 
-    fn mask_resources(&self) -> [wgpu::BindingResource<'_>; 3] {
+    fn shape_resources(&self) -> [wgpu::BindingResource<'_>; 4] {
         [
             self.buffer.as_entire_binding(),
             wgpu::BindingResource::Sampler(&self.sampler),
             wgpu::BindingResource::TextureView(&self.colors),
+            wgpu::BindingResource::TextureView(&self.values),
         ]
     }
 }

@@ -229,6 +229,14 @@ fn normals_without_length_are_those_of_the_face() {
 }
 
 #[test]
+fn triangles_that_run_against_their_normals_are_seen_from_both_sides() {
+    let mut file = File::new();
+    assert_eq!(file.load().unwrap().materials[0].sides, Sides::Front);
+    file.attribute("NORMAL", "VEC3", &[0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0]);
+    assert_eq!(file.load().unwrap().materials[0].sides, Sides::Both);
+}
+
+#[test]
 fn texture_coordinates_without_area_give_finite_tangents() {
     let mut file = File::new();
     let normal = file.picture("normal.png", &grey(2));

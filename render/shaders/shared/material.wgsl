@@ -83,6 +83,13 @@ struct Substance {
     model: u32,
 }
 
+// A unit normal on the eye's side: one seen from behind (an open mesh), or turned away at the outline by interpolation or by
+// a normal map, is bent into the outline.
+fn turned_to_eye(normal: vec3f, to_eye: vec3f) -> vec3f {
+    let cosine = dot(normal, to_eye);
+    return select(normal, normalize(normal - 1.01 * cosine * to_eye), cosine < 0.0);
+}
+
 fn wrapped(x: f32, mode: u32, edge: f32) -> f32 {
     switch mode {
         case 1u: {

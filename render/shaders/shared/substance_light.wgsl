@@ -1,6 +1,9 @@
 // Radiance of a substance from the light that it gets (glTF 2.0, appendix B, as layers that pass on what they do not
 // reflect). Needs `material`; its twin is src/reference/substance_light.rs.
 
+// How much of what facets lose between each other is put back: 0 single scattering as in appendix B, 1 all of it.
+override FACETS: f32 = 0.0;
+
 // Light on a point.
 struct SurfaceLight {
     // On the surface, what is occluded left out.
@@ -19,12 +22,12 @@ fn albedos_at(roughness: f32, cosine: f32) -> vec3f {
     return textureSampleLevel(albedos, map_sampler, place, 0.0).xyz;
 }
 
-// Share of light from all around that a rough surface reflects, what its facets lose between each other put back
-// (Turquin 2019, "Practical multiple scattering compensation for microfacet models", eq. 16).
+// Share of light from all around that a rough surface reflects, with what its facets pass on to each other by Turquin 2019
+// ("Practical multiple scattering compensation for microfacet models", eq. 16).
 fn layer_albedo(f0: vec3f, f90: f32, roughness: f32, cosine: f32) -> vec3f {
     let split = albedos_at(roughness, cosine);
     let white = max(split.x + split.y, 1e-3);
-    return (f0 * split.x + f90 * split.y) * (1.0 + f0 * (1.0 - white) / white);
+    return (f0 * split.x + f90 * split.y) * (1.0 + FACETS * f0 * (1.0 - white) / white);
 }
 
 fn largest(color: vec3f) -> f32 {

@@ -46,7 +46,7 @@ impl LensSurface {
         };
         Self {
             label,
-            materials: scene.materials.bind_mask(gpu, &pipeline.get_bind_group_layout(1)),
+            materials: scene.materials.bind_shape(gpu, &pipeline.get_bind_group_layout(1)),
             pipeline,
             bindings,
             place: target(PLACE_FORMAT),

@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec3};
 
 use super::direct::{self, Inputs};
-use crate::config::{DiffuseMethod, LightConfig, SpecularMethod};
+use crate::config::{DiffuseMethod, Facets, LightConfig, SpecularMethod};
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, RasterState, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
@@ -21,6 +21,14 @@ pub struct Shade {
     order: Vec<usize>,
     samples: wgpu::TextureView,
     resolved: wgpu::TextureView,
+}
+
+/// Value of the shader's constant `FACETS`.
+fn facets_constant(facets: Facets) -> f64 {
+    match facets {
+        Facets::Single => 0.0,
+        Facets::Multiple => 1.0,
+    }
 }
 
 /// Triangles that are drawn alike.
@@ -74,6 +82,7 @@ impl Shade {
         let constants = [
             ("DIFFUSE", diffuse_constant(target.light.diffuse)),
             ("SPECULAR", specular_constant(target.light.specular)),
+            ("FACETS", facets_constant(target.light.facets)),
         ];
         let sphere_maps = inputs
             .environments

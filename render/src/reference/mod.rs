@@ -1,7 +1,7 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/materials.rs`, `tests/light_maps.rs`,
-//! `tests/comparison_maps.rs` and `tests/modes.rs` compare the three.
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/materials`, `tests/light_maps.rs`,
+//! `tests/comparison_maps.rs`, `tests/look.rs` and `tests/modes.rs` compare the three.
 //! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
 pub mod composite;

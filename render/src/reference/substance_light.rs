@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::material::Substance;
+use crate::config::Facets;
 use crate::directional_albedo::albedo;
 use crate::scene::material::Model;
 
@@ -20,10 +21,9 @@ pub struct SurfaceLight {
 }
 
 /// Radiance towards `to_eye` (unit): glTF 2.0, appendix B, each layer passing on what it does not reflect of light from all
-/// around, with the facets' multiple scattering (Turquin 2019, eq. 16) and the layers of KHR_materials_sheen and
-/// KHR_materials_clearcoat. [`Model::Unlit`] sends its base colour.
+/// around, with the layers of KHR_materials_sheen and KHR_materials_clearcoat. [`Model::Unlit`] sends its base colour.
 #[must_use]
-pub fn sent_radiance(made: &Substance, to_eye: Vec3, light: &SurfaceLight) -> Vec3 {
+pub fn sent_radiance(made: &Substance, to_eye: Vec3, light: &SurfaceLight, facets: Facets) -> Vec3 {
     let white = light.irradiance / std::f32::consts::PI;
     let base = made.base_color.truncate();
     match made.model {
@@ -32,6 +32,7 @@ pub fn sent_radiance(made: &Substance, to_eye: Vec3, light: &SurfaceLight) -> Ve
         Model::MetallicRoughness => {}
     }
     let cosine = made.normal.dot(to_eye).clamp(0.0, 1.0);
+    let layer = |f0, f90, roughness, cosine| layer_albedo((f0, f90), roughness, cosine, facets);
     let dielectric = layer(made.dielectric_f0, made.dielectric_f90, made.roughness, cosine);
     let metal = layer(base, 1.0, made.roughness, cosine) * light.mirrored;
     let entering = (1.0 - dielectric.max_element()) * base;
@@ -44,9 +45,13 @@ pub fn sent_radiance(made: &Substance, to_eye: Vec3, light: &SurfaceLight) -> Ve
     (1.0 - coat) * clothed + coat * light.coat_mirrored
 }
 
-/// Share of light from all around that a rough layer reflects.
-fn layer(f0: Vec3, f90: f32, roughness: f32, cosine: f32) -> Vec3 {
+/// Share of light from all around that a rough layer reflects (Turquin 2019, eq. 16, for all scattering).
+fn layer_albedo((f0, f90): (Vec3, f32), roughness: f32, cosine: f32, facets: Facets) -> Vec3 {
     let split = albedo(roughness, cosine);
+    let single = f0 * split.scale + f90 * split.offset;
     let white = split.scale + split.offset;
-    (f0 * split.scale + f90 * split.offset) * (1.0 + f0 * (1.0 - white) / white)
+    match facets {
+        Facets::Single => single,
+        Facets::Multiple => single * (1.0 + f0 * (1.0 - white) / white),
+    }
 }

@@ -8,7 +8,7 @@ use gltf::Document;
 
 use super::gltf_image::Images;
 use super::gltf_material::{KNOWN_EXTENSIONS, MaterialsFile};
-use super::material::Material;
+use super::material::{Material, Sides};
 use super::{MeshUp, gltf_vertices, tangents};
 use crate::error::RenderError;
 
@@ -178,7 +178,7 @@ fn read_primitive(
             primitive.mode()
         ));
     }
-    let material = payload
+    let mut material = payload
         .materials
         .material(primitive.material().index(), &mut payload.images)?;
     let mut read = gltf_vertices::read(primitive, payload.buffers)?;
@@ -190,6 +190,9 @@ fn read_primitive(
             "a texture goes by `TEXCOORD_{}`, which a primitive lacks",
             missing.index()
         ));
+    }
+    if read.are_turned() {
+        material.sides = Sides::Both;
     }
     read.place(object_from_node, mesh.materials.len() as u32);
     let normals = material.normal.as_ref().or(material.clearcoat.normal.as_ref());

@@ -79,6 +79,19 @@ impl Triangles {
         self.uv_sets[set.index() as usize]
     }
 
+    /// Whether triangles run clockwise around the normals that the file gives, more than one in a hundred: which of their
+    /// sides is the front is not known then.
+    pub(super) fn are_turned(&self) -> bool {
+        let is_turned = |triangle: &&[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|k| &self.vertices[triangle[k] as usize]);
+            let place = |v: &Vertex| Vec3::from(v.position);
+            let face = (place(b) - place(a)).cross(place(c) - place(a));
+            let normals = Vec3::from(a.normal) + Vec3::from(b.normal) + Vec3::from(c.normal);
+            face.dot(normals) < 0.0
+        };
+        100 * self.indices.chunks_exact(3).filter(is_turned).count() > self.indices.len() / 3
+    }
+
     /// Moves the triangles into the object's frame and gives them their material.
     pub(super) fn place(&mut self, object_from_node: Mat4, material: u32) {
         let linear = Mat3::from_mat4(object_from_node);

@@ -1,33 +1,24 @@
-//! Materials: shaders against their twins, what keeps all light, pictures of spheres, and the path tracer as the judge.
-
-mod support;
+//! Substances of points and their radiance, without pictures.
 
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Affine2, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
-use mirrorball_calib::probe::cube::Cube;
-use mirrorball_render::config::{DiffuseMethod, LightConfig, SpecularMethod};
+use glam::{Affine2, Mat2, Vec2, Vec3, Vec4, Vec4Swizzles};
+use mirrorball_render::config::Facets;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::readback::Readback;
-use mirrorball_render::light_maps::LightMaps;
-use mirrorball_render::passes::ENVIRONMENT_SIZE;
 use mirrorball_render::reference::material::{MeshPoint, Substance, substance};
 use mirrorball_render::reference::substance_light::{SurfaceLight, sent_radiance};
+use mirrorball_render::scene::Material;
 use mirrorball_render::scene::material::{
-    Alpha, Clearcoat, Image, Model, NormalMap, Sheen, Sides, Texture, UvSet, Volume, Wrap,
+    Alpha, Clearcoat, Image, Model, NormalMap, Sheen, Texture, UvSet, Volume, Wrap,
 };
-use mirrorball_render::scene::{Kind, Material, Mesh, Scene};
 use mirrorball_render::scene_materials::SceneMaterials;
-use mirrorball_render::shadow::path::environment::Environment;
-use mirrorball_render::shadow::path::scene::TracedScene;
-use mirrorball_render::shadow::path::{PathJob, PathSettings, PathTracer, Surfaces};
-use mirrorball_render::shadow::view::View;
-use support::maps::{Maps, smooth_room};
-use support::stage::Stage;
-use support::{Errors, directions, spread};
 
-// ---- one point -------------------------------------------------------------------------------------------------------
+use crate::support::{self, Errors, directions, spread};
+
+/// What facets do here; pictures show them with single scattering.
+const FACETS: Facets = Facets::Multiple;
 
 const PROBE: &str = "
 #import lights
@@ -142,7 +133,10 @@ impl Point {
 
     fn expected(&self, materials: &[Material]) -> (Substance, Vec3) {
         let made = substance(&materials[self.to_eye.w as usize], &self.mesh_point());
-        (made, sent_radiance(&made, self.to_eye.xyz(), &self.surface_light()))
+        (
+            made,
+            sent_radiance(&made, self.to_eye.xyz(), &self.surface_light(), FACETS),
+        )
     }
 }
 
@@ -157,7 +151,10 @@ fn found(gpu: &Gpu, materials: &[Material], points: &[Point]) -> Vec<Found> {
         layout: None,
         module: &module,
         entry_point: None,
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        compilation_options: wgpu::PipelineCompilationOptions {
+            constants: &[("FACETS", 1.0)],
+            ..wgpu::PipelineCompilationOptions::default()
+        },
         cache: None,
     });
     let out = Readback::new(gpu, "test: results", size_of::<Found>() as u64 * points.len() as u64);
@@ -427,318 +424,4 @@ fn white_materials_keep_the_light_and_none_makes_any() {
     // Without what facets pass on to each other a rough metal would lose more than a third.
     let single = mirrorball_render::directional_albedo::albedo(1.0, 1.0);
     assert!(single.scale + single.offset < 0.7, "{single:?}");
-}
-
-// ---- pictures --------------------------------------------------------------------------------------------------------
-
-const SPHERE_M: (Vec3, f32) = (Vec3::new(0.0, 0.0, 0.1), 0.05);
-
-fn pose() -> mirrorball_calib::pose::Pose {
-    support::looking_at(SPHERE_M.0.as_dvec3(), DVec3::new(0.1, -0.3, 0.25))
-}
-
-/// The shaded picture of a scene in the light of `environment`, and the GPU to go on with.
-fn shaded(gpu: Gpu, scene: &Scene, diffuse: DiffuseMethod, environment: &Cube<Vec3>) -> (Vec<Vec4>, Gpu) {
-    let rig = support::rig();
-    let stage = Stage::new(gpu, &rig, scene, [64, 1]);
-    let config = LightConfig {
-        diffuse,
-        specular: SpecularMethod::Ggx,
-        ..LightConfig::default()
-    };
-    let sampler = stage.gpu.linear_sampler();
-    let maps = LightMaps::new(&stage.gpu, &stage.environments, &config, (&stage.camera, &sampler));
-    let mut lit = Maps { stage, maps };
-    lit.make(environment);
-    let pixels = lit.stage.shaded(&rig, &pose(), config);
-    (pixels, lit.stage.gpu)
-}
-
-fn sphere_of(material: Material) -> Scene {
-    let sphere = support::sphere(SPHERE_M.0, SPHERE_M.1, 48, material);
-    support::scene([("sphere", Kind::Virtual, sphere)])
-}
-
-/// Unit normal of the sphere in a pixel and the direction to the eye, where the pixel lies well inside its outline.
-fn on_sphere(pixel: DVec2) -> Option<(Vec3, Vec3)> {
-    let rig = support::rig();
-    let world_from_camera = pose().inverse();
-    let ray = rig.scene_camera().intrinsics.unproject(pixel)?;
-    let way = world_from_camera.transform_vector(ray).as_vec3().normalize();
-    let eye = world_from_camera.translation.as_vec3() - SPHERE_M.0;
-    let half = eye.dot(way);
-    let root = half * half - eye.length_squared() + SPHERE_M.1 * SPHERE_M.1;
-    let normal = ((eye + (-half - root.max(0.0).sqrt()) * way) / SPHERE_M.1).normalize();
-    (root > 0.0 && normal.dot(-way) > 0.25).then_some((normal, -way))
-}
-
-/// Metallic by roughness, as Khronos' test model has them, in white light: every pixel is what the twin says.
-#[test]
-fn spheres_of_all_metals_and_roughnesses_are_those_of_the_twin() {
-    let Some(mut gpu) = support::gpu() else { return };
-    let mut errors = Vec::new();
-    for (metallic, roughness) in [0.0, 0.5, 1.0]
-        .into_iter()
-        .flat_map(|m| [0.0, 0.4, 1.0].map(|r| (m, r)))
-    {
-        let material = Material {
-            base_color: [0.8, 0.5, 0.2],
-            metallic,
-            roughness,
-            dielectric_f0: [0.04; 3],
-            dielectric_f90: 1.0,
-            ..Material::default()
-        };
-        let white = Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE);
-        let (pixels, used) = shaded(gpu, &sphere_of(material.clone()), DiffuseMethod::Sh9, &white);
-        gpu = used;
-        for (index, found) in pixels.iter().enumerate() {
-            let Some((normal, to_eye)) = on_sphere(DVec2::new((index % 320) as f64, (index / 320) as f64)) else {
-                continue;
-            };
-            assert_eq!(found.w, 1.0, "pixel {index} shows no sphere");
-            let mut point = Point::in_white_light(1.0, 0);
-            point.normal = normal.extend(0.0);
-            let made = substance(&material, &point.mesh_point());
-            let expected = sent_radiance(&made, to_eye, &point.surface_light());
-            errors.push((found.xyz() - expected).abs().max_element());
-        }
-    }
-    let errors = Errors::of("spheres", errors);
-    assert!(errors.n > 9 * 1000, "{errors:?}");
-    // Facets of the sphere bend the mirrored light of outlines by a few per cent of the cosine.
-    assert!(errors.mean < 0.003 && errors.worst < 0.03, "{errors:?}");
-}
-
-/// Light of harmonics on a matt sphere: every pixel is what the twin says.
-#[test]
-fn a_matt_sphere_in_a_room_is_that_of_the_twin() {
-    let Some(gpu) = support::gpu() else { return };
-    let room = smooth_room();
-    let harmonics = mirrorball_render::reference::harmonics::IrradianceSh::from_cube(&room);
-    let material = Material {
-        base_color: [0.8, 0.5, 0.2],
-        ..Material::default()
-    };
-    let (pixels, _) = shaded(gpu, &sphere_of(material.clone()), DiffuseMethod::Sh9, &room);
-    let errors = pixels.iter().enumerate().filter_map(|(index, found)| {
-        let (normal, _) = on_sphere(DVec2::new((index % 320) as f64, (index / 320) as f64))?;
-        let expected = Vec3::from(material.base_color) * harmonics.irradiance(normal) / std::f32::consts::PI;
-        Some(((found.xyz() - expected) / expected).abs().max_element())
-    });
-    let errors = Errors::of("matt sphere, relative", errors);
-    assert!(errors.mean < 0.005 && errors.worst < 0.03, "{errors:?}");
-}
-
-/// Means over a sphere in a room, the path tracer's beside ours.
-#[test]
-fn the_path_tracer_sees_the_same_spheres() {
-    let Some(mut gpu) = support::gpu() else { return };
-    let room = smooth_room();
-    let glossy = |roughness| Material {
-        base_color: [0.5, 0.3, 0.1],
-        roughness,
-        dielectric_f0: [0.04; 3],
-        dielectric_f90: 1.0,
-        ..Material::default()
-    };
-    let metal = |roughness| Material {
-        base_color: [0.9, 0.7, 0.4],
-        metallic: 1.0,
-        roughness,
-        ..Material::default()
-    };
-    // What is allowed: a lobe around the mirrored direction in place of the real one, which leans to the horizon; and what
-    // facets pass on to each other, which the path tracer's surfaces lose.
-    for (name, material, allowed) in [
-        ("mirror", metal(0.0), 0.02),
-        ("metal 0.3", metal(0.3), 0.03),
-        ("metal 0.5", metal(0.5), 0.06),
-        ("glossy 0.3", glossy(0.3), 0.04),
-        ("glossy 0.6", glossy(0.6), 0.04),
-    ] {
-        let scene = sphere_of(material);
-        let (pixels, used) = shaded(gpu, &scene, DiffuseMethod::Sh9, &room);
-        gpu = used;
-        let ours = mean_of(pixels.into_iter());
-        let traced = TracedScene::new(&gpu, (&scene, &[glam::Affine3A::IDENTITY]), Surfaces::AsGiven).expect("it fits");
-        let eye = pose().inverse().translation.as_vec3();
-        let job = PathJob {
-            view: &View::looking_at(eye, SPHERE_M.0, 0.35, [64; 2]),
-            light: None,
-            environment: Environment::Cube(&room),
-            settings: PathSettings {
-                samples: 128,
-                max_bounces: 2,
-                ..PathSettings::default()
-            },
-            target: None,
-        };
-        let picture = PathTracer::new(&gpu)
-            .render(&gpu, &traced, &job)
-            .expect("the device works");
-        let truth = mean_of(picture.radiance.into_iter());
-        let off = ((ours - truth) / truth).abs().max_element();
-        Errors::of(name, [off]);
-        assert!(off < allowed, "{name}: {ours}, the path tracer {truth}");
-    }
-}
-
-fn mean_of(pixels: impl Iterator<Item = Vec4>) -> Vec3 {
-    let inside: Vec<Vec3> = pixels.filter(|p| p.w == 1.0).map(|p| p.xyz()).collect();
-    assert!(inside.len() > 500, "the sphere covers {} pixels", inside.len());
-    inside.iter().sum::<Vec3>() / inside.len() as f32
-}
-
-// ---- coverage --------------------------------------------------------------------------------------------------------
-
-/// A square that faces the eye, `off_m` nearer to it than the sphere's middle, with texture coordinates over it.
-fn screen(off_m: f32, material: Material) -> Mesh {
-    let to_eye = (pose().inverse().translation.as_vec3() - SPHERE_M.0).normalize();
-    let across = Vec3::Z.cross(to_eye).normalize() * SPHERE_M.1;
-    let mut mesh = support::square(SPHERE_M.0 + off_m * to_eye, across, to_eye.cross(across));
-    for (vertex, uv) in mesh
-        .vertices
-        .iter_mut()
-        .zip([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-    {
-        vertex.uv = uv;
-    }
-    mesh.materials = vec![material];
-    mesh
-}
-
-fn unlit(color: [f32; 3], opacity: f32) -> Material {
-    Material {
-        model: Model::Unlit,
-        base_color: color,
-        opacity,
-        ..Material::default()
-    }
-}
-
-/// The radiance and coverage in the middle of the picture, and the share of the picture that is covered.
-fn middle(gpu: Gpu, scene: &Scene) -> (Vec4, f32, Gpu) {
-    let (pixels, gpu) = shaded(
-        gpu,
-        scene,
-        DiffuseMethod::Sh9,
-        &Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE),
-    );
-    let camera = support::rig();
-    let middle = camera.scene_camera().intrinsics.principal_point_px;
-    let index = 320 * middle.y.round() as usize + middle.x.round() as usize;
-    let covered = pixels.iter().map(|p| p.w).sum::<f32>() / pixels.len() as f32;
-    (pixels[index], covered, gpu)
-}
-
-/// Radiance whose signal is full.
-fn full_signal() -> f32 {
-    let rig = support::rig();
-    1.0 / rig.scene_camera().photometry.signal_per_radiance(&support::EXPOSURE)[1] as f32
-}
-
-#[test]
-fn a_mask_cuts_holes_and_sides_count() {
-    let Some(gpu) = support::gpu() else { return };
-    // The left half is a hole.
-    let mut image = Image {
-        name: "mask".into(),
-        size_px: [32, 32],
-        rgba: vec![255; 4 * 32 * 32],
-    };
-    for (i, texel) in image.rgba.chunks_exact_mut(4).enumerate() {
-        texel[3] = if i % 32 < 16 { 0 } else { 255 };
-    }
-    let mut texture = Texture::plain(Arc::new(image));
-    texture.wrap = [Wrap::Clamp; 2];
-    let masked = Material {
-        base_color_texture: Some(texture),
-        alpha: Alpha::Mask { cutoff: 0.5 },
-        ..unlit([1.0; 3], 1.0)
-    };
-    let one = |mesh: Mesh| support::scene([("screen", Kind::Virtual, mesh)]);
-    let (_, whole, gpu) = middle(gpu, &one(screen(0.0, unlit([1.0; 3], 1.0))));
-    let (_, half, gpu) = middle(gpu, &one(screen(0.0, masked)));
-    assert!((half / whole - 0.5).abs() < 0.02, "{half} of {whole}");
-    let single = |sides| Material {
-        sides,
-        ..unlit([1.0; 3], 1.0)
-    };
-    let (_, front, gpu) = middle(gpu, &one(screen(0.0, single(Sides::Front))));
-    assert!((front - whole).abs() < 1e-4, "{front} of {whole}");
-    let turned = |sides| {
-        let mut mesh = screen(0.0, single(sides));
-        for triangle in mesh.indices.chunks_exact_mut(3) {
-            triangle.swap(1, 2);
-        }
-        one(mesh)
-    };
-    let (_, back, gpu) = middle(gpu, &turned(Sides::Front));
-    let (_, both, _) = middle(gpu, &turned(Sides::Both));
-    assert!(back == 0.0 && (both - whole).abs() < 1e-4, "{back}, {both} of {whole}");
-}
-
-/// Panes are drawn over what is behind them, the farthest first, whatever their order in the file.
-#[test]
-fn half_transparent_things_cover_each_other_in_their_order() {
-    let Some(mut gpu) = support::gpu() else { return };
-    let pane = |color, off_m| {
-        let blended = Material {
-            alpha: Alpha::Blend,
-            ..unlit(color, 0.5)
-        };
-        screen(off_m, blended)
-    };
-    let (red, green) = (|| pane([1.0, 0.0, 0.0], 0.02), || pane([0.0, 1.0, 0.0], 0.04));
-    let wall = || screen(0.0, unlit([0.0, 0.0, 1.0], 1.0));
-    let expected = Vec3::new(0.25, 0.5, 0.25) * full_signal();
-    let orders = [
-        [("red", red()), ("green", green()), ("wall", wall())],
-        [("green", green()), ("wall", wall()), ("red", red())],
-    ];
-    for order in orders {
-        let scene = support::scene(order.map(|(name, mesh)| (name, Kind::Virtual, mesh)));
-        let (found, _, used) = middle(gpu, &scene);
-        gpu = used;
-        assert!(
-            (found.xyz() - expected).abs().max_element() < 0.01 * full_signal(),
-            "{found}, not {expected}"
-        );
-        assert!((found.w - 1.0).abs() < 1e-3, "{found}");
-    }
-    let lonely = support::scene([("red", Kind::Virtual, red())]);
-    let (found, _, _) = middle(gpu, &lonely);
-    assert!((found.w - 0.5).abs() < 1e-3, "{found}");
-}
-
-/// A picture far away is the mean of its texels, not some of them.
-#[test]
-fn small_pictures_are_averaged() {
-    let Some(gpu) = support::gpu() else { return };
-    let edge = 1024u32;
-    let mut image = Image {
-        name: "stripes".into(),
-        size_px: [edge; 2],
-        rgba: vec![255; 4 * (edge * edge) as usize],
-    };
-    for (i, texel) in image.rgba.chunks_exact_mut(4).enumerate() {
-        if i % 2 == 0 {
-            texel[..3].fill(0);
-        }
-    }
-    let striped = Material {
-        base_color_texture: Some(Texture::plain(Arc::new(image))),
-        ..unlit([1.0; 3], 1.0)
-    };
-    let scene = support::scene([("screen", Kind::Virtual, screen(0.0, striped))]);
-    let (pixels, _) = shaded(
-        gpu,
-        &scene,
-        DiffuseMethod::Sh9,
-        &Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE),
-    );
-    let inside = pixels.iter().filter(|p| p.w == 1.0);
-    let errors = Errors::of("stripes", inside.map(|p| p.x / full_signal() - 0.5));
-    assert!(errors.n > 1000 && errors.worst < 0.02, "{errors:?}");
 }

@@ -1,0 +1,9 @@
+//! Materials: shaders against their twins, what keeps all light, pictures of spheres, and the path tracer as the judge.
+
+#![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
+
+mod coverage;
+mod pictures;
+mod points;
+#[path = "../support/mod.rs"]
+mod support;

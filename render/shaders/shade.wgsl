@@ -23,10 +23,14 @@
 @group(0) @binding(16) var light_places: texture_2d<f32>;
 // Its normal.
 @group(0) @binding(17) var light_normals: texture_2d<f32>;
+// What rays from the surface have found: mean radiance over the lobe around the mirrored direction.
+@group(0) @binding(18) var traced_reflection: texture_2d<f32>;
+// Radiance through it, where it is of glass.
+@group(0) @binding(19) var traced_refraction: texture_2d<f32>;
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
-// What reflections are looked up in: 0 GGX lobes, 1 Phong lobes, 2 sphere map.
+// Where reflections come from: 0 GGX lobes, 1 Phong lobes, 2 sphere map, 3 rays.
 override SPECULAR: u32 = 0u;
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
@@ -188,8 +192,10 @@ fn virtual_radiance(corner: Corner) -> vec3f {
     let made = substance_at(MeshPoint(normal, corner.tangent, corner.uv, corner.uv1, corner.color, corner.material));
     normal = made.normal;
     var radiance = vec3f(0.0);
+    let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
+    // Share of what enters that goes through (KHR_materials_transmission).
+    let glass = materials[corner.material].base_color.w;
     if made.metallic < 1.0 {
-        let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
             irradiance = near_irradiance(slot, normal) + textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
@@ -197,12 +203,23 @@ fn virtual_radiance(corner: Corner) -> vec3f {
             irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
         }
         irradiance += textureLoad(light_lamps, pixel, 0).rgb;
-        radiance += (1.0 - made.metallic) * made.base_color.rgb * irradiance * 0.31830987;
+        radiance += (1.0 - glass) * (1.0 - made.metallic) * made.base_color.rgb * irradiance * 0.31830987;
     }
+    var entered = vec3f(1.0);
     if max(made.f0.r, max(made.f0.g, made.f0.b)) > 0.0 {
         let split = environment_brdf(made.roughness, max(dot(normal, to_eye), 0.0));
-        let prefiltered = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(made.roughness, least_roughness));
-        radiance += prefiltered * (made.f0 * split.x + split.y * made.f90);
+        let mirrored_share = made.f0 * split.x + split.y * made.f90;
+        var mirrored_radiance: vec3f;
+        if SPECULAR == 3u {
+            mirrored_radiance = textureLoad(traced_reflection, pixel, 0).rgb;
+        } else {
+            mirrored_radiance = reflected_radiance(slot, corner.position, reflect(-to_eye, normal), max(made.roughness, least_roughness));
+        }
+        radiance += mirrored_radiance * mirrored_share;
+        entered = 1.0 - mirrored_share;
+    }
+    if glass > 0.0 {
+        radiance += glass * (1.0 - made.metallic) * entered * made.base_color.rgb * textureLoad(traced_refraction, pixel, 0).rgb;
     }
     return radiance;
 }

@@ -17,6 +17,7 @@ use crate::passes::shade::{self, Shade, ShadeTarget};
 use crate::scene_gpu::SceneBuffers;
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::{EyeShadows, EyeSurfaces, SceneShadows};
+use crate::traced::Traced;
 
 /// The passes of one picture, in their order.
 #[derive(Debug)]
@@ -31,6 +32,8 @@ pub struct Eye {
     pub receive: Receive,
     /// Real things as radiance, shadows of the virtual ones on them.
     pub real: RealRadiance,
+    /// What rays from the virtual objects find.
+    pub traced: Traced,
     /// Hides virtual objects behind real ones.
     pub depth: CameraDepth,
     /// Virtual objects as radiance.
@@ -86,14 +89,18 @@ impl Eye {
             light,
         };
         let receive = Receive::new(gpu, direct(&light_on[0]), size_px);
+        let real = RealRadiance::new(gpu, view, receive.ratio());
+        let traced = Traced::new(gpu, inputs, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
+            traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            real: RealRadiance::new(gpu, view, receive.ratio()),
+            real,
+            traced,
             composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
             shadows: eye_shadows,
             virtuals,

@@ -7,9 +7,12 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
+use crate::ball_place::BallPlace;
+use crate::config::SceneCamera;
 use crate::error::RenderError;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuStrong, MAX_STRONG};
 use crate::node::{RenderNode, RenderedFrame, Work};
+use crate::passes::ray_light::GpuLightProbe;
 use crate::probe::Light;
 use crate::scene_shadows::ShadowFrame;
 use mirrorball_calib::probe::ProbeOptics;
@@ -101,7 +104,7 @@ impl RenderNode {
     /// Every pass of the picture, in order.
     fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
         self.upload(frame, camera_from_world, light);
-        let of_frame = self.gpu_frame();
+        let (of_frame, of_rays) = (self.gpu_frame(), self.gpu_light_probe(light));
         let gpu = &self.gpu;
         let encoder = |label| {
             gpu.device
@@ -114,9 +117,10 @@ impl RenderNode {
         self.seen
             .phantoms
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
-        for eye in &self.eyes {
+        for eye in &mut self.eyes {
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
             eye.receive.write(gpu, &of_frame);
+            eye.traced.write(gpu, &of_rays);
         }
         gpu.queue.submit([surfaces.finish()]);
 
@@ -129,6 +133,7 @@ impl RenderNode {
         };
         self.shadows.record(gpu, &mut encoder, timer, &shadow_frame);
         passes.local_environment.record(&mut encoder, timer);
+        passes.room_mips.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
         for eye in &mut self.eyes {
@@ -136,6 +141,7 @@ impl RenderNode {
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
             eye.receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
+            eye.traced.record(&mut encoder, timer, scene);
             eye.depth.record(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
             eye.composite.record(&mut encoder, timer);
@@ -153,6 +159,20 @@ impl RenderNode {
             &frame.meta.exposure,
             [view.near_m, view.far_m],
         )
+    }
+
+    /// Where the light was measured, and the ball as rays meet it: without a known reflectance none does.
+    fn gpu_light_probe(&self, light: &Light) -> GpuLightProbe {
+        let ball = self.gpu_frame().ball_m;
+        let reflectance = self.ball_place.as_ref().map_or(Vec3::ZERO, BallPlace::reflectance);
+        GpuLightProbe {
+            position_m: self.probe.optics().position_m().extend(light.room_m),
+            ball_m: if reflectance == Vec3::ZERO { Vec4::ZERO } else { ball },
+            ball_reflectance: reflectance.extend(match self.config.probe.scene_camera {
+                SceneCamera::Fills => 1.0,
+                SceneCamera::Ignored => 0.0,
+            }),
+        }
     }
 
     fn gpu_frame(&self) -> GpuFrame {

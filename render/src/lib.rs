@@ -47,4 +47,5 @@ pub mod scene_gpu;
 pub mod scene_rays;
 pub mod scene_shadows;
 pub mod shadow;
+pub mod traced;
 pub mod tracker;

@@ -65,7 +65,9 @@ impl LightMaps {
         };
         let specular = match config.specular {
             SpecularMethod::SphereMap => Specular::Nothing,
-            SpecularMethod::Ggx => Specular::Ggx(PrefilterSpecular::new(gpu, environments, &glossy)),
+            SpecularMethod::Rays | SpecularMethod::Ggx => {
+                Specular::Ggx(PrefilterSpecular::new(gpu, environments, &glossy))
+            }
             SpecularMethod::Phong => Specular::Phong(PrefilterPhong::new(gpu, environments, &glossy)),
             SpecularMethod::Highlight => {
                 let highlight = Highlight::new(gpu, environments, (&glossy, config.highlight_threshold));

@@ -30,6 +30,8 @@ pub struct SceneBuffers {
     pub materials: wgpu::Buffer,
     /// Base colour pictures, one layer each.
     pub base_colors: wgpu::TextureView,
+    /// Whether any material lets light through.
+    pub has_glass: bool,
     /// The vertices in memory.
     kept: Vec<Vertex>,
     /// Indices of every object's triangles.
@@ -136,6 +138,7 @@ impl SceneBuffers {
             virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
             of_object,
             slots,
+            has_glass: materials.iter().any(|material| material.base_color.w > 0.0),
             objects: gpu.buffer("scene: objects", &objects),
             materials: gpu.buffer("scene: materials", &materials),
             base_colors: upload_base_colors(gpu, &pictures),
@@ -218,9 +221,9 @@ fn gpu_material(material: &crate::scene::Material, layer: usize) -> GpuMaterial 
     let [r, g, b] = material.base_color;
     let [fr, fg, fb] = material.dielectric_f0;
     GpuMaterial {
-        base_color: Vec4::new(r, g, b, 0.0),
+        base_color: Vec4::new(r, g, b, material.transmission),
         dielectric: Vec4::new(fr, fg, fb, material.dielectric_f90),
-        parameters: Vec4::new(material.metallic, material.roughness, layer as f32, 0.0),
+        parameters: Vec4::new(material.metallic, material.roughness, layer as f32, material.ior),
     }
 }
 

@@ -136,11 +136,12 @@ impl GpuObject {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuMaterial {
-    /// xyz: linear base colour; w: unused.
+    /// xyz: linear base colour; w: share of the light that enters a dielectric and goes through it.
     pub base_color: Vec4,
     /// xyz: dielectric reflectance at normal incidence; w: at grazing incidence.
     pub dielectric: Vec4,
-    /// x: metallic; y: perceptual roughness; z: layer of the base colour picture plus 1, 0 for none; w: unused.
+    /// x: metallic; y: perceptual roughness; z: layer of the base colour picture plus 1, 0 for none; w: index of
+    /// refraction.
     pub parameters: Vec4,
 }
 

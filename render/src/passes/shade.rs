@@ -21,11 +21,13 @@ pub struct Shade {
 
 /// What the pass draws.
 #[derive(Debug, Clone, Copy)]
-pub struct ShadeTarget {
+pub struct ShadeTarget<'a> {
     /// Columns and rows.
     pub size_px: [u32; 2],
     /// How light reaches the objects.
     pub light: LightConfig,
+    /// What rays have found of reflections, and of what is seen through glass, per pixel; linear radiance.
+    pub traced: [&'a wgpu::TextureView; 2],
 }
 
 /// Value of the shader's constant `DIFFUSE`.
@@ -44,13 +46,14 @@ fn specular_constant(method: SpecularMethod) -> f64 {
         SpecularMethod::Ggx => 0.0,
         SpecularMethod::Phong | SpecularMethod::Highlight => 1.0,
         SpecularMethod::SphereMap => 2.0,
+        SpecularMethod::Rays => 3.0,
     }
 }
 
 impl Shade {
     /// A pass for `target`; `sampler` is linear and clamped.
     #[must_use]
-    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, (sampler, target): (&wgpu::Sampler, ShadeTarget)) -> Self {
+    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, (sampler, target): (&wgpu::Sampler, ShadeTarget<'_>)) -> Self {
         let state = RasterState {
             targets: &[RADIANCE_FORMAT],
             samples: SAMPLES,
@@ -62,14 +65,7 @@ impl Shade {
             ("SPECULAR", specular_constant(target.light.specular)),
         ];
         let pipeline = gpu.render_pipeline_variant("shade", &state, &constants);
-        let repeating = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("shade: base colours"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::Repeat,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
+        let repeating = gpu.repeating_sampler();
         let sphere_maps = inputs
             .environments
             .sphere_maps
@@ -90,6 +86,7 @@ impl Shade {
             wgpu::BindingResource::TextureView(&inputs.light.place),
             wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
+        resources.extend(target.traced.map(wgpu::BindingResource::TextureView));
         let bindings = gpu.bind("shade", &pipeline.get_bind_group_layout(0), &resources);
         let radiance = |samples| {
             let shape = TextureShape {

@@ -21,6 +21,8 @@
 // The room without phantoms; a: number of the strong light that the texel shows, from 1, 0 for none.
 @group(0) @binding(10) var far_faces: texture_2d_array<f32>;
 @group(0) @binding(11) var<uniform> strong: Strong;
+// The room alone, as if no phantom stood before it: rgb radiance; a: distance to what is seen, metres.
+@group(0) @binding(12) var room_out: texture_storage_2d_array<rgba16float, write>;
 
 struct Strong {
     lights: array<vec4f, 6>,
@@ -59,18 +61,20 @@ fn may_show(k: u32, from_probe: vec3f, direction: vec3f, margin: f32) -> bool {
     return light.w > 0.0 && (half_angle > 1.5 || dot(direction, to_light) > seen_m * cos(half_angle));
 }
 
-// What strong light `k` shows in a direction: rgb radiance; a: 1 where it is there, 0 beside it.
+// What strong light `k` shows in a direction: rgb radiance; a: its distance, metres, 0 beside it.
 fn strong_light(k: u32, from_probe: vec3f, direction: vec3f) -> vec4f {
-    let place = from_probe + direction * to_sphere(from_probe, direction, strong.lights[k].w);
+    let distance_m = to_sphere(from_probe, direction, strong.lights[k].w);
+    let place = from_probe + direction * distance_m;
     let size = textureDimensions(far_faces).x;
     let index = texel_index(size, place);
     let texel = vec2u(index % size, index / size % size);
     let found = textureLoad(far_faces, texel, index / (size * size), 0);
-    return select(vec4f(0.0), vec4f(found.rgb, 1.0), u32(found.a + 0.5) == k + 1u);
+    return select(vec4f(0.0), vec4f(found.rgb, distance_m), u32(found.a + 0.5) == k + 1u);
 }
 
-// Light from the room: the strong ones where they stand, before the rest on the sphere that the room is taken for.
-fn room_radiance(texel: vec3u, size: u32, from_probe: vec3f, behind: vec3f) -> vec3f {
+// Light from the room: the strong ones where they stand, before the rest on the sphere that the room is taken for, which
+// shows `behind` (rgb radiance; a: distance, metres).
+fn room_radiance(texel: vec3u, size: u32, from_probe: vec3f, behind: vec4f) -> vec4f {
     let direction = texel_direction(size, texel, vec2f(0.5));
     // Half a texel's diagonal, at the middle of a face.
     let margin = 1.5 / f32(size);
@@ -81,7 +85,7 @@ fn room_radiance(texel: vec3u, size: u32, from_probe: vec3f, behind: vec3f) -> v
     if candidates == 0u {
         return behind;
     }
-    var sum = vec3f(0.0);
+    var sum = vec4f(0.0);
     for (var i = 0u; i < SUBSAMPLES * SUBSAMPLES; i++) {
         let offset = (vec2f(f32(i % SUBSAMPLES), f32(i / SUBSAMPLES)) + 0.5) / f32(SUBSAMPLES);
         let there = texel_direction(size, texel, offset);
@@ -91,7 +95,7 @@ fn room_radiance(texel: vec3u, size: u32, from_probe: vec3f, behind: vec3f) -> v
                 found = strong_light(k, from_probe, there);
             }
         }
-        sum += select(behind, found.rgb, found.a > 0.0);
+        sum += select(behind, found, found.a > 0.0);
     }
     return sum / f32(SUBSAMPLES * SUBSAMPLES);
 }
@@ -101,16 +105,14 @@ fn main(@builtin(global_invocation_id) texel: vec3u) {
     let size = textureDimensions(out).x;
     let direction = texel_direction(size, texel, vec2f(0.5));
     let hit = hit_m[(texel.z * size + texel.y) * size + texel.x];
-    var radiance: vec3f;
-    var distance = hit;
+    let from_probe = environment.position_m.xyz - environment.probe_m.xyz;
+    let distance = to_sphere(from_probe, direction, environment.position_m.w);
+    let behind = textureSampleLevel(behind_radiance, linear_sampler, from_probe + direction * distance, 0.0).rgb;
+    let room = room_radiance(texel, size, from_probe, vec4f(behind, distance));
+    textureStore(room_out, texel.xy, texel.z, min(room, vec4f(60000.0)));
+    var seen = vec4f(room.rgb, distance);
     if hit < 1e6 {
-        radiance = surface_radiance(environment.position_m.xyz + direction * hit);
-    } else {
-        let from_probe = environment.position_m.xyz - environment.probe_m.xyz;
-        distance = to_sphere(from_probe, direction, environment.position_m.w);
-        let place = from_probe + direction * distance;
-        let behind = textureSampleLevel(behind_radiance, linear_sampler, place, 0.0).rgb;
-        radiance = room_radiance(texel, size, from_probe, behind);
+        seen = vec4f(surface_radiance(environment.position_m.xyz + direction * hit), hit);
     }
-    textureStore(out, texel.xy, texel.z, vec4f(min(radiance, vec3f(60000.0)), min(distance, 60000.0)));
+    textureStore(out, texel.xy, texel.z, min(seen, vec4f(60000.0)));
 }

@@ -23,10 +23,14 @@
 @group(0) @binding(13) var light_places: texture_2d<f32>;
 // xyz: its normal; w: index of the object.
 @group(0) @binding(14) var light_normals: texture_2d<f32>;
+// What rays from the surface have found: mean radiance over the lobe around the mirrored direction.
+@group(0) @binding(15) var traced_reflection: texture_2d<f32>;
+// Radiance through it, where it is of glass.
+@group(0) @binding(16) var traced_refraction: texture_2d<f32>;
 
 // Where diffuse light comes from: 0 lights, 1 irradiance cube, 2 harmonics, 3 sphere map (src/passes/shade.rs).
 override DIFFUSE: u32 = 0u;
-// What reflections are looked up in: 0 GGX lobes, 1 Phong lobes, 2 sphere map, 4 GGX lobes in a small cube.
+// Where reflections come from: 0 GGX lobes, 1 Phong lobes, 2 sphere map, 3 rays, 4 GGX lobes in a small cube.
 override SPECULAR: u32 = 0u;
 
 // Mips of the specular cube: roughness 0 in the first, 1 in the last.
@@ -164,7 +168,7 @@ fn share_past_virtual(pixel: vec2i) -> vec3f {
 
 // Mip of the specular cube for a perceptual roughness.
 fn specular_mip(roughness: f32) -> f32 {
-    if SPECULAR == 0u || SPECULAR == 4u {
+    if SPECULAR == 0u || SPECULAR >= 3u {
         return clamp(roughness, 0.0, 1.0) * LAST_SPECULAR_MIP;
     }
     // Exponents are 4 ^ (last mip - mip) (src/passes/prefilter_phong.rs).
@@ -204,6 +208,17 @@ fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
     return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
 }
 
+// Radiance from around the mirrored direction: what rays have found, or what the surroundings' map shows where the pixel's
+// rays belong to another object.
+fn mirrored_light(corner: Corner, made: Substance, to_eye: vec3f, roughness: f32) -> vec3f {
+    let lit = light_pixel(vec2u(corner.clip.xy), corner.position, made.normal, corner.object);
+    if SPECULAR == 3u && lit.is_own {
+        return textureLoad(traced_reflection, lit.at, 0).rgb;
+    }
+    let slot = objects[corner.object].environment.x;
+    return reflected_radiance(slot, corner.position, reflect(-to_eye, made.normal), roughness);
+}
+
 // Radiance of the virtual lamps that a surface and its coat mirror. The metal's and the dielectric's highlights are one, its
 // reflectance between theirs.
 fn mirrored_lamps(corner: Corner, made: Substance, to_eye: vec3f, least_roughness: f32) -> vec3f {
@@ -236,7 +251,7 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
         light.irradiance = irradiance_on(corner, made, to_eye);
     }
     if largest(made.f0) > 0.0 || made.f90 > 0.0 || made.model == GLOSS_IN_ALPHA {
-        light.mirrored = made.occlusion * reflected_radiance(slot, corner.position, reflect(-to_eye, made.normal), roughness);
+        light.mirrored = made.occlusion * mirrored_light(corner, made, to_eye, roughness);
     }
     if made.coat > 0.0 {
         let mirrored = reflect(-to_eye, made.coat_normal);
@@ -245,7 +260,8 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
     if made.transmission > 0.0 {
         // KHR_materials_volume: Beer's law along the surface's own thickness.
         let kept = pow(max(made.attenuation.rgb, vec3f(1e-6)), vec3f(made.thickness_m / made.attenuation.w));
-        light.through = kept * reflected_radiance(slot, corner.position, -to_eye, made.roughness);
+        let lit = light_pixel(vec2u(corner.clip.xy), corner.position, made.normal, corner.object);
+        light.through = kept * textureLoad(traced_refraction, lit.at, 0).rgb;
     }
     return sent_radiance(made, to_eye, light) + mirrored_lamps(corner, made, to_eye, least_roughness);
 }

@@ -6,6 +6,7 @@
 #import sampling
 #import cube
 #import environment_map
+#import microfacets
 #import path_material
 #import key_light
 #import view

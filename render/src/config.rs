@@ -71,9 +71,10 @@ pub enum MappingName {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SceneCamera {
-    /// It shows what no probe sees, before the nearest known light stands in for it.
+    /// It shows what no probe sees, before the nearest known light stands in for it, and the room to rays that virtual
+    /// objects mirror or refract.
     Fills,
-    /// Nothing: light comes from the probe alone.
+    /// Nothing: light comes from the probe alone, for rays that meet no real thing as well.
     Ignored,
 }
 
@@ -147,7 +148,7 @@ impl Default for LightConfig {
         Self {
             extraction: LightMethod::Stable,
             diffuse: DiffuseMethod::Lights,
-            specular: SpecularMethod::Ggx,
+            specular: SpecularMethod::Rays,
             facets: Facets::Single,
             highlight_threshold: 4.0,
         }
@@ -175,11 +176,13 @@ pub enum DiffuseMethod {
     SphereMap,
 }
 
-/// What reflections are looked up in.
+/// Where reflections come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SpecularMethod {
-    /// GGX lobes, one per roughness.
+    /// Rays through real and virtual things, and the room behind them.
+    Rays,
+    /// Map of GGX lobes, one per roughness.
     Ggx,
     /// Phong lobes, one per exponent.
     Phong,
@@ -490,7 +493,7 @@ mod tests {
             ("[look]\nsharpness = \"on\"", "expected `measured` or `off`"),
             (
                 "[light]\nspecular = \"blinn\"",
-                "expected one of `ggx`, `phong`, `highlight`",
+                "expected one of `rays`, `ggx`, `phong`, `highlight`",
             ),
             (
                 "[mode]\nname = \"3d\"",

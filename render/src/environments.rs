@@ -97,6 +97,11 @@ pub struct Environments {
     pub specular: wgpu::Texture,
     /// `specular` as an array of cubes.
     pub specular_view: wgpu::TextureView,
+    /// The room alone, as if no real thing stood before it: radiance, in alpha the distance in metres; six layers per slot,
+    /// mips the means of four texels.
+    pub room: wgpu::Texture,
+    /// `room` as an array of cubes.
+    pub room_view: wgpu::TextureView,
     /// Irradiance cubes, six layers per slot; filled by the methods that need them.
     pub irradiance: wgpu::Texture,
     /// `irradiance` as an array of cubes.
@@ -156,6 +161,7 @@ impl Environments {
             ..TextureShape::layered([ENVIRONMENT_SIZE; 2], FACES as u32 * n)
         };
         let specular = gpu.texture("environment: specular", shape, RADIANCE_FORMAT);
+        let room = gpu.texture("environment: room", shape, RADIANCE_FORMAT);
         let cubes = wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::CubeArray),
             ..wgpu::TextureViewDescriptor::default()
@@ -169,6 +175,8 @@ impl Environments {
             radiance: gpu.texture("environment: radiance", shape, RADIANCE_FORMAT),
             specular_view: specular.create_view(&cubes),
             specular,
+            room_view: room.create_view(&cubes),
+            room,
             irradiance_view: irradiance.create_view(&cubes),
             irradiance,
             sphere_maps: gpu.texture("environment: sphere maps", sphere_shape, RADIANCE_FORMAT),

@@ -29,6 +29,7 @@ use crate::passes::shade::{self, Shade, ShadeTarget};
 use crate::scene_gpu::SceneBuffers;
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::{EyeShadows, EyeSurfaces, SceneShadows};
+use crate::traced::Traced;
 
 /// How a picture is finished.
 #[derive(Debug)]
@@ -94,6 +95,8 @@ pub struct Eye {
     pub lamp_receive: LampReceive,
     /// Real things as radiance, shadows of the virtual ones on them.
     pub real: RealRadiance,
+    /// What rays from the virtual objects find.
+    pub traced: Traced,
     /// Hides virtual objects behind real ones.
     pub depth: CameraDepth,
     /// Virtual objects as radiance.
@@ -158,12 +161,14 @@ impl Eye {
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
             .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
+        let real = RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance()));
+        let traced = Traced::new(gpu, EyeInputs { view, ..inputs }, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
+            traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
-        let real = RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance()));
         let finish = match inputs.mode.name.surround() {
             Surround::Picture => {
                 let composite = Composite::new(gpu, view, (&shade, &receive, &lamp_receive));
@@ -194,6 +199,7 @@ impl Eye {
                 size_px,
             ),
             real,
+            traced,
             finish,
             hiding,
             shadows: eye_shadows,

@@ -7,13 +7,15 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Camera;
 use mirrorball_capture::frame::{Frame, FrameSet};
 
-use crate::config;
+use crate::ball_place::BallPlace;
+use crate::config::{self, SceneCamera};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuNoise, GpuStrong, MAX_STRONG};
 use crate::mode::Viewers;
 use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::passes::lamp_light::GpuLamps;
+use crate::passes::ray_light::GpuLightProbe;
 use crate::probe::Light;
 use crate::scene_shadows::ShadowFrame;
 use mirrorball_calib::probe::ProbeOptics;
@@ -157,7 +159,7 @@ impl RenderNode {
     fn draw(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) -> Result<Vec<u8>, RenderError> {
         self.upload(frame, camera_from_world, light);
         self.set_look(frame);
-        let of_frame = self.gpu_frame();
+        let (of_frame, of_rays) = (self.gpu_frame(), self.gpu_light_probe(light));
         let gpu = &self.gpu;
         let encoder = |label| {
             gpu.device
@@ -178,6 +180,7 @@ impl RenderNode {
             }
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
             eye.receive.write(gpu, &of_frame);
+            eye.traced.write(gpu, &of_rays);
         }
         gpu.queue.submit([surfaces.finish()]);
 
@@ -190,6 +193,7 @@ impl RenderNode {
         };
         self.shadows.record(gpu, &mut encoder, timer, &shadow_frame);
         passes.local_environment.record(&mut encoder, timer);
+        passes.room_mips.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
         for eye in &mut self.eyes {
@@ -202,6 +206,7 @@ impl RenderNode {
             eye.receive.record(&mut encoder, timer);
             eye.lamp_receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
+            eye.traced.record(&mut encoder, timer, scene);
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
             eye.look.record(&mut encoder, timer);
@@ -255,6 +260,20 @@ impl RenderNode {
             &frame.meta.exposure,
             [view.near_m, view.far_m],
         )
+    }
+
+    /// Where the light was measured, and the ball as rays meet it: without a known reflectance none does.
+    fn gpu_light_probe(&self, light: &Light) -> GpuLightProbe {
+        let ball = self.gpu_frame().ball_m;
+        let reflectance = self.ball_place.as_ref().map_or(Vec3::ZERO, BallPlace::reflectance);
+        GpuLightProbe {
+            position_m: self.probe.optics().position_m().extend(light.room_m),
+            ball_m: if reflectance == Vec3::ZERO { Vec4::ZERO } else { ball },
+            ball_reflectance: reflectance.extend(match self.config.probe.scene_camera {
+                SceneCamera::Fills => 1.0,
+                SceneCamera::Ignored => 0.0,
+            }),
+        }
     }
 
     fn gpu_frame(&self) -> GpuFrame {

@@ -54,4 +54,5 @@ pub mod scene_materials;
 pub mod scene_rays;
 pub mod scene_shadows;
 pub mod shadow;
+pub mod traced;
 pub mod tracker;

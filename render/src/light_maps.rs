@@ -65,7 +65,7 @@ impl LightMaps {
         };
         let specular = match config.specular {
             SpecularMethod::SphereMap => Specular::Nothing,
-            SpecularMethod::Ggx | SpecularMethod::SmallCube => {
+            SpecularMethod::Rays | SpecularMethod::Ggx | SpecularMethod::SmallCube => {
                 Specular::Ggx(PrefilterSpecular::new(gpu, environments, &glossy))
             }
             SpecularMethod::Phong => Specular::Phong(PrefilterPhong::new(gpu, environments, &glossy)),

@@ -24,6 +24,7 @@ use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
 use crate::passes::reproject::room_buffer;
+use crate::passes::room_mips::RoomMips;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
@@ -170,6 +171,7 @@ pub(crate) struct Pictures {
 pub(crate) struct Passes {
     pub(crate) radiance_map: RadianceMap,
     pub(crate) local_environment: LocalEnvironment,
+    pub(crate) room_mips: RoomMips,
     pub(crate) light_maps: LightMaps,
     pub(crate) irradiance: Irradiance,
 }
@@ -508,6 +510,7 @@ impl Passes {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
             light_maps: LightMaps::new(gpu, environments, &config.light, (&seen.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
+            room_mips: RoomMips::new(gpu, environments),
             local_environment,
         }
     }

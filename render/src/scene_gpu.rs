@@ -33,6 +33,8 @@ pub struct SceneBuffers {
     pub objects: wgpu::Buffer,
     /// Materials with their pictures.
     pub materials: SceneMaterials,
+    /// Whether any material lets light through.
+    pub has_glass: bool,
     /// Virtual lamps, uniform ([`GpuLamps`]).
     pub lamps: wgpu::Buffer,
     /// How many there are.
@@ -170,6 +172,9 @@ impl SceneBuffers {
             virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
             of_object,
             slots,
+            has_glass: materials
+                .iter()
+                .any(|material: &crate::scene::Material| material.transmission > 0.0),
             objects: gpu.buffer("scene: objects", &objects),
             materials: SceneMaterials::new(gpu, &materials)?,
             lamps: gpu.buffer("scene: lamps", &[<GpuLamps as bytemuck::Zeroable>::zeroed()]),

@@ -179,6 +179,7 @@ fn a_mirror_in_a_uniform_sky_vanishes() {
 fn every_method_of_light_shows_a_uniform_sky() {
     let (center_m, radius_m, albedo) = (Vec3::new(0.03, 0.02, 0.12), 0.04, 0.8);
     let methods = [
+        (DiffuseMethod::Lights, SpecularMethod::Ggx),
         (DiffuseMethod::CosineCube, SpecularMethod::Phong),
         (DiffuseMethod::Sh9, SpecularMethod::SphereMap),
         (DiffuseMethod::SeparableBlur, SpecularMethod::Highlight),

@@ -13,7 +13,9 @@ use mirrorball_render::light_tree::LEVELS;
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::inset::GpuTile;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
+use mirrorball_render::passes::ray_light::GpuLightProbe;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
+use mirrorball_render::scene_rays::GpuInstance;
 use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
 use mirrorball_render::shadow::blob::{GpuBlob, GpuBlobs, MAX_BLOBS};
 use mirrorball_render::shadow::dome::{GpuDomeFrame, GpuDomeLight, MAX_DOME_LIGHTS};
@@ -171,6 +173,25 @@ fn shared_structs_have_one_layout() {
     );
     assert_same_layout!("shade", "Map", GpuMap { matrix, place, facts });
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
+    assert_same_layout!(
+        "reflect",
+        "LightProbe",
+        GpuLightProbe {
+            position_m,
+            ball_m,
+            ball_reflectance
+        }
+    );
+    assert_same_layout!(
+        "reflect",
+        "Instance",
+        GpuInstance {
+            world_from_object,
+            object_from_world,
+            sphere_m,
+            facts
+        }
+    );
 }
 
 #[test]

@@ -1,6 +1,6 @@
 // How a surface scatters light, in its own frame (z: its normal, on the eye's side): diffuse below a GGX coat, GGX metal, a
 // perfect mirror where the roughness is next to nothing, smooth glass. glTF 2.0, appendix B, without its simplifications of
-// the Fresnel term for glass. Needs `sampling`.
+// the Fresnel term for glass. Needs `sampling` and `microfacets`.
 
 struct PathMaterial {
     // Linear base colour; w: metallic.
@@ -54,12 +54,6 @@ fn coat_share(material: PathMaterial, cosine: f32) -> f32 {
     return clamp(coat / (coat + base), 0.1, 0.9);
 }
 
-// Smith's shadowing function of GGX less 1 (Heitz 2014, eq. 72, with its Lambda).
-fn smith_lambda(direction: vec3f, alpha: f32) -> f32 {
-    let tangent2 = dot(direction.xy, direction.xy) / (direction.z * direction.z);
-    return 0.5 * (sqrt(1.0 + alpha * alpha * tangent2) - 1.0);
-}
-
 // Scattering from `incoming` to `outgoing`, both unit and above the surface, mirrored and refracted light left out.
 fn scattered(material: PathMaterial, outgoing: vec3f, incoming: vec3f) -> Scattered {
     if outgoing.z <= 0.0 || incoming.z <= 0.0 {
@@ -86,36 +80,6 @@ fn scattered(material: PathMaterial, outgoing: vec3f, incoming: vec3f) -> Scatte
     }
     let opaque = 1.0 - glass_share(material);
     return Scattered(opaque * value, opaque * density);
-}
-
-// Facet's normal among those that `outgoing` sees (Heitz 2018, "Sampling the GGX distribution of visible normals").
-fn visible_normal(outgoing: vec3f, alpha: f32, u: vec2f) -> vec3f {
-    let eye = normalize(vec3f(alpha * outgoing.xy, outgoing.z));
-    let across = dot(eye.xy, eye.xy);
-    var one = vec3f(1.0, 0.0, 0.0);
-    if across > 0.0 {
-        one = vec3f(-eye.y, eye.x, 0.0) * inverseSqrt(across);
-    }
-    let other = cross(eye, one);
-    let radius = sqrt(u.x);
-    let angle = 6.2831853 * u.y;
-    let x = radius * cos(angle);
-    let s = 0.5 * (1.0 + eye.z);
-    let y = (1.0 - s) * sqrt(max(1.0 - x * x, 0.0)) + s * radius * sin(angle);
-    let normal = x * one + y * other + sqrt(max(1.0 - x * x - y * y, 0.0)) * eye;
-    return normalize(vec3f(alpha * normal.xy, max(normal.z, 0.0)));
-}
-
-// Reflectance of smooth glass; `eta`: index on this side over that on the other.
-fn fresnel(cosine: f32, eta: f32) -> f32 {
-    let sine2 = eta * eta * (1.0 - cosine * cosine);
-    if sine2 >= 1.0 {
-        return 1.0;
-    }
-    let inner = sqrt(1.0 - sine2);
-    let parallel = (cosine - eta * inner) / (cosine + eta * inner);
-    let across = (eta * cosine - inner) / (eta * cosine + inner);
-    return 0.5 * (parallel * parallel + across * across);
 }
 
 // Where the path goes on. `eta`: index of refraction on the eye's side over that on the other.

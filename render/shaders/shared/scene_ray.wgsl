@@ -39,28 +39,33 @@ struct HitSurface {
     material: u32,
 }
 
+// The first place where a ray (unit direction) meets object `i`, or `nearest` where that is not farther.
+fn object_hit(i: u32, origin: vec3f, direction: vec3f, nearest: SceneHit) -> SceneHit {
+    let start = (instances[i].object_from_world * vec4f(origin, 1.0)).xyz;
+    let way = (instances[i].object_from_world * vec4f(direction, 0.0)).xyz;
+    let scale = length(way);
+    let towards = way / scale;
+    let sphere = instances[i].sphere_m;
+    let to_center = sphere.xyz - start;
+    let along = dot(to_center, towards);
+    let off2 = dot(to_center, to_center) - along * along;
+    if off2 > sphere.w * sphere.w || along < -sphere.w || along - sphere.w > nearest.distance_m * scale {
+        return nearest;
+    }
+    let hit = closest_hit(instances[i].facts.x, start, towards, nearest.distance_m * scale);
+    if hit.triangle == NOTHING {
+        return nearest;
+    }
+    return SceneHit(hit.distance_m / scale, i, hit.triangle, hit.weights);
+}
+
 // The first of the `wanted` objects along a ray (unit direction), nearer than `limit`.
 fn scene_hit(wanted: u32, origin: vec3f, direction: vec3f, limit: f32) -> SceneHit {
     var found = SceneHit(limit, NOTHING, NOTHING, vec3f(0.0));
     for (var i = 0u; i < arrayLength(&instances); i++) {
         let facts = instances[i].facts;
-        if (facts.y & wanted) == 0u || facts.x == NO_ROOT {
-            continue;
-        }
-        let start = (instances[i].object_from_world * vec4f(origin, 1.0)).xyz;
-        let way = (instances[i].object_from_world * vec4f(direction, 0.0)).xyz;
-        let scale = length(way);
-        let towards = way / scale;
-        let sphere = instances[i].sphere_m;
-        let to_center = sphere.xyz - start;
-        let along = dot(to_center, towards);
-        let off2 = dot(to_center, to_center) - along * along;
-        if off2 > sphere.w * sphere.w || along < -sphere.w || along - sphere.w > found.distance_m * scale {
-            continue;
-        }
-        let hit = closest_hit(facts.x, start, towards, found.distance_m * scale);
-        if hit.triangle != NOTHING {
-            found = SceneHit(hit.distance_m / scale, i, hit.triangle, hit.weights);
+        if (facts.y & wanted) != 0u && facts.x != NO_ROOT {
+            found = object_hit(i, origin, direction, found);
         }
     }
     return found;

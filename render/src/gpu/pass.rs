@@ -269,6 +269,19 @@ impl Gpu {
             ..wgpu::SamplerDescriptor::default()
         })
     }
+
+    /// A sampler that filters linearly and repeats the picture beyond its edges, as glTF's textures do.
+    #[must_use]
+    pub fn repeating_sampler(&self) -> wgpu::Sampler {
+        self.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("repeating"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..wgpu::SamplerDescriptor::default()
+        })
+    }
 }
 
 /// Extent of a texture.

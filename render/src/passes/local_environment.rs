@@ -47,6 +47,7 @@ impl LocalEnvironment {
             .enumerate()
             .map(|(slot, environment)| {
                 let out = environments.radiance.create_view(&faces_view(slot as u32, 0));
+                let room = environments.room.create_view(&faces_view(slot as u32, 0));
                 gpu.bind(
                     "local_environment",
                     &pipeline.get_bind_group_layout(0),
@@ -63,6 +64,7 @@ impl LocalEnvironment {
                         wgpu::BindingResource::TextureView(&out),
                         wgpu::BindingResource::TextureView(inputs.far_faces),
                         inputs.strong.as_entire_binding(),
+                        wgpu::BindingResource::TextureView(&room),
                     ],
                 )
             })
@@ -70,7 +72,7 @@ impl LocalEnvironment {
         Self { pipeline, bindings }
     }
 
-    /// Fills the first mip of every environment.
+    /// Fills the first mip of every environment, and of the room around it.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
         if self.bindings.is_empty() {
             return;

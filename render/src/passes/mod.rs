@@ -1,5 +1,6 @@
 //! The passes of a frame; each owns its pipeline and records itself.
 
+pub mod ball_mirror;
 pub mod camera_depth;
 pub mod composite;
 pub mod cylindrical;
@@ -20,12 +21,17 @@ pub mod look_blur;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod radiance_map;
+pub mod ray_light;
 pub mod real_radiance;
 pub mod receive;
+pub mod reflect;
+pub mod refract;
 pub mod reproject;
+pub mod room_mips;
 pub mod separable_blur;
 pub mod shade;
 pub mod sphere_map;
+pub mod virtual_surface;
 
 /// Edge of the cube of a virtual object's own environment, texels.
 pub const ENVIRONMENT_SIZE: u32 = 128;

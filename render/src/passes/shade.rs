@@ -42,11 +42,13 @@ struct Layer {
 
 /// What the pass draws.
 #[derive(Debug, Clone, Copy)]
-pub struct ShadeTarget {
+pub struct ShadeTarget<'a> {
     /// Columns and rows.
     pub size_px: [u32; 2],
     /// How light reaches the objects.
     pub light: LightConfig,
+    /// What rays have found of reflections, and of what is seen through glass, per pixel; linear radiance.
+    pub traced: [&'a wgpu::TextureView; 2],
 }
 
 /// Value of the shader's constant `DIFFUSE`.
@@ -66,13 +68,14 @@ fn specular_constant(method: SpecularMethod) -> f64 {
         SpecularMethod::Phong | SpecularMethod::Highlight => 1.0,
         SpecularMethod::SphereMap => 2.0,
         SpecularMethod::SmallCube => 4.0,
+        SpecularMethod::Rays => 3.0,
     }
 }
 
 impl Shade {
     /// A pass for `target`; `sampler` is linear and clamped.
     #[must_use]
-    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, (sampler, target): (&wgpu::Sampler, ShadeTarget)) -> Self {
+    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, (sampler, target): (&wgpu::Sampler, ShadeTarget<'_>)) -> Self {
         let state = RasterState {
             targets: &[RADIANCE_FORMAT],
             samples: SAMPLES,
@@ -101,6 +104,7 @@ impl Shade {
             wgpu::BindingResource::TextureView(&inputs.light.place),
             wgpu::BindingResource::TextureView(&inputs.light.normal),
         ]);
+        resources.extend(target.traced.map(wgpu::BindingResource::TextureView));
         let lamps = [
             inputs.scene.lamps.as_entire_binding(),
             wgpu::BindingResource::TextureView(&inputs.light.lamp_shares),

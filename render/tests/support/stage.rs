@@ -6,6 +6,7 @@ use mirrorball_calib::rig::Rig;
 use mirrorball_render::config::{LightConfig, ShadowConfig};
 use mirrorball_render::environments::Environments;
 use mirrorball_render::gpu::Gpu;
+use mirrorball_render::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use mirrorball_render::gpu::timer::Timer;
 use mirrorball_render::gpu::types::{GpuCamera, GpuFrame};
 use mirrorball_render::passes::camera_depth::CameraDepth;
@@ -75,9 +76,11 @@ impl Stage {
             light,
         };
         let receive = Receive::new(&gpu, inputs(&light_on[0]), size_px);
+        let nothing = nothing(&gpu);
         let target = ShadeTarget {
             size_px,
             light: LightConfig::default(),
+            traced: [&nothing; 2],
         };
         let shade = Shade::new(&gpu, inputs(&light_on[1]), (&gpu.linear_sampler(), target));
         Self {
@@ -99,9 +102,11 @@ impl Stage {
     /// Radiance of the virtual objects and their coverage as `camera_from_world` sees them, lit by the environments' maps
     /// and by no other light.
     pub(crate) fn shaded(&mut self, rig: &Rig, camera_from_world: &Pose, light: LightConfig) -> Vec<Vec4> {
+        let nothing = nothing(&self.gpu);
         let target = ShadeTarget {
             size_px: rig.scene_camera().intrinsics.size_px,
             light,
+            traced: [&nothing; 2],
         };
         let inputs = Inputs {
             camera: &self.camera,
@@ -163,6 +168,12 @@ impl Stage {
             .map(|t| Vec4::from_array(t.map(half::f16::to_f32)))
             .collect()
     }
+}
+
+/// Black, in place of what rays would find.
+fn nothing(gpu: &Gpu) -> wgpu::TextureView {
+    gpu.texture("test: nothing", TextureShape::plain([1; 2]), RADIANCE_FORMAT)
+        .create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 /// Lights and nothing else.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec3};
+use glam::Mat4;
 use gltf::Document;
 
 use super::gltf_image::Images;

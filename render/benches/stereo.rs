@@ -1,6 +1,7 @@
 //! What the second eye costs: frames with one eye and with two, the same scene, light and pixels per eye, in one run.
 //!
-//! `cargo bench -p mirrorball-render --bench stereo`. Prints medians; nothing is asserted.
+//! `cargo bench -p mirrorball-render --bench stereo [-- --frames N]`. Prints medians; nothing is asserted. With a software
+//! adapter the processor's time tells more than the clock's where other programs run.
 
 #![allow(clippy::print_stdout, reason = "a table is what this program is for")]
 
@@ -18,7 +19,7 @@ use mirrorball_render::mode::Mode;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
 use mirrorball_render::scene::{Kind, Scene};
 
-/// Frames per mode that count, after one that does not.
+/// Frames per mode that count, after one that does not, unless the command line says otherwise.
 const FRAMES: u64 = 9;
 
 fn scene() -> Scene {
@@ -70,6 +71,24 @@ fn stage_ms(frame: &RenderedFrame, stage: &str) -> f64 {
     frame.stages_ms.iter().filter_map(of).sum()
 }
 
+/// Processor time of this process so far, all threads, milliseconds in steps of ten (proc(5): fields 14 and 15 of `stat`,
+/// in hundredths of a second).
+fn processor_ms() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let (_, after_name) = stat.rsplit_once(')')?;
+    let ticks = after_name.split_whitespace().skip(11).take(2);
+    Some(10.0 * ticks.filter_map(|field| field.parse::<f64>().ok()).sum::<f64>())
+}
+
+fn n_frames() -> u64 {
+    let arguments: Vec<String> = std::env::args().collect();
+    let value = arguments.iter().position(|a| a == "--frames").map(|at| at + 1);
+    value
+        .and_then(|at| arguments.get(at)?.parse().ok())
+        .unwrap_or(FRAMES)
+        .max(1)
+}
+
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
@@ -87,20 +106,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{}, 640 x 480 pixels per eye", nodes[0].adapter_name());
     let mut frames: [Vec<RenderedFrame>; 2] = [Vec::new(), Vec::new()];
     // One after the other, so that whatever else the machine does falls on both.
-    for sequence in 0..=FRAMES {
+    let mut processor: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+    for sequence in 0..=n_frames() {
         let set = frame_set(&rig, sequence);
-        for (node, frames) in nodes.iter_mut().zip(&mut frames) {
+        for (index, node) in nodes.iter_mut().enumerate() {
+            let before_ms = processor_ms();
             let frame = node.render(&set)?;
             if sequence > 0 {
-                frames.push(frame);
+                frames[index].push(frame);
+                processor[index].extend(processor_ms().zip(before_ms).map(|(after, before)| after - before));
             }
         }
     }
     let names: Vec<&str> = frames[1][0].stages_ms.iter().map(|(name, _)| *name).collect();
     println!("{:32} {:>9} {:>9} {:>7}", "median ms", "one eye", "two eyes", "ratio");
+    let print = |name: &str, [one, two]: [f64; 2]| println!("{name:32} {one:9.2} {two:9.2} {:7.2}", two / one);
     for name in names {
-        let [one, two] = [0, 1].map(|i: usize| median(frames[i].iter().map(|frame| stage_ms(frame, name)).collect()));
-        println!("{name:32} {one:9.2} {two:9.2} {:7.2}", two / one);
+        let medians = [0, 1].map(|i: usize| median(frames[i].iter().map(|frame| stage_ms(frame, name)).collect()));
+        print(name, medians);
+    }
+    if processor.iter().all(|times| !times.is_empty()) {
+        print("processor time", processor.map(median));
     }
     Ok(())
 }

@@ -277,6 +277,8 @@ impl RenderNode {
     }
 
     /// Shows these buffers from now on, in the first eye's picture; the first [`Insets::MOST`] of them.
+    ///
+    /// A frame without a pose or without light shows none: its buffers hold nothing of it.
     pub fn show(&mut self, buffers: &[Buffer]) {
         let sources = Sources {
             eye: &self.eyes[0],

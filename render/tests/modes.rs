@@ -41,7 +41,11 @@ const RADIUS_M: f32 = 0.03;
 /// The rig of the tests with a scene camera that is a pinhole without vignetting, as eyes are.
 fn pinhole_rig() -> Rig {
     let mut rig = support::rig();
-    let camera = rig.cameras.iter_mut().find(|camera| camera.name == "scene").unwrap();
+    let camera = rig
+        .cameras
+        .iter_mut()
+        .find(|camera| camera.name == "scene")
+        .expect("it has a scene camera");
     camera.photometry.vignetting = [0.0; 2];
     camera.intrinsics.lens = LensModel::BrownConrady {
         k1: 0.0,
@@ -83,16 +87,18 @@ fn plain_frame(rig: &Rig) -> Frame {
 }
 
 fn render_with(node: &mut RenderNode, rig: &Rig, frame: Frame) -> RenderedFrame {
-    let probe = support::frame(rig.probe_camera().unwrap(), 7, 1, |_| DVec3::splat(SKY));
+    let probe = support::frame(rig.probe_camera().expect("it has a probe camera"), 7, 1, |_| {
+        DVec3::splat(SKY)
+    });
     node.render(&FrameSet {
         frames: vec![frame, probe],
     })
-    .unwrap()
+    .expect("the frames fit the rig")
 }
 
 fn render(gpu: Gpu, scene: &Scene, config: RenderConfig) -> RenderedFrame {
     let rig = pinhole_rig();
-    let mut node = RenderNode::new(gpu, rig.clone(), scene, config).unwrap();
+    let mut node = RenderNode::new(gpu, rig.clone(), scene, config).expect("the rig has a probe");
     render_with(&mut node, &rig, ground_frame(&rig))
 }
 
@@ -150,7 +156,7 @@ impl Views {
                 support::sphere(SPHERE_M, RADIUS_M, 24, support::diffuse(0.5)),
             ),
         ]);
-        let buffers = SceneBuffers::new(&gpu, &scene, &rig).unwrap();
+        let buffers = SceneBuffers::new(&gpu, &scene, &rig).expect("the test scene fits");
         let mut seen = CameraView::new(&gpu, camera, &buffers);
         let room = room_buffer(&gpu, Self::ROOM_M);
         let eye = EyeView::new(&gpu, (&seen, &room), &buffers, (config, config.right_eye_m));

@@ -51,7 +51,7 @@ struct Held {
 }
 
 fn held(node: &RenderNode) -> Held {
-    node.gpu().wait("counting").unwrap();
+    node.gpu().wait("counting").expect("the device works");
     Held {
         live_bytes: LIVE_BYTES.load(Ordering::Relaxed),
         gpu_objects: node.gpu().n_made(),
@@ -90,8 +90,8 @@ fn node(gpu: Gpu, rig: &Rig) -> RenderNode {
     config.probe.scene_camera = SceneCamera::Ignored;
     config.mode.name = Mode::Stereo;
     config.mode.eye_size_px = Some([160, 120]);
-    let mut node = RenderNode::new(gpu, rig.clone(), &scene, config).unwrap();
-    node.show(&["ratio".parse().unwrap()]);
+    let mut node = RenderNode::new(gpu, rig.clone(), &scene, config).expect("the rig has a probe");
+    node.show(&["ratio".parse().expect("it is in the table")]);
     node
 }
 
@@ -99,7 +99,7 @@ fn node(gpu: Gpu, rig: &Rig) -> RenderNode {
 fn run(node: &mut RenderNode, sets: &[FrameSet]) -> u64 {
     let before = N_ALLOCATIONS.load(Ordering::Relaxed);
     for set in sets {
-        node.render(set).unwrap();
+        node.render(set).expect("the frames fit the rig");
     }
     (N_ALLOCATIONS.load(Ordering::Relaxed) - before) / sets.len() as u64
 }

@@ -103,8 +103,8 @@ impl Eye {
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            real: RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance())),
-            composite: Composite::new(gpu, view, (&shade, &receive, &lamp_receive)),
+            real: RealRadiance::new(gpu, view, &receive),
+            composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
             shadows: eye_shadows,
             virtuals,
             light_on,

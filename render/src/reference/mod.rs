@@ -12,6 +12,8 @@ pub mod harmonics;
 pub mod highlight;
 pub mod irradiance;
 pub mod irradiance_cube;
+pub mod lamp_light;
+pub mod lamp_receive;
 pub mod lobe_sum;
 pub mod prefilter_phong;
 pub mod prefilter_specular;

@@ -26,6 +26,11 @@ const COMMON: f32 = 0.3;
 const DARK_CODE: u32 = 2u;
 // Pixels whose codes differ by less show the same surface: some times the noise of a camera.
 const SAME_CODES: i32 = 4;
+// Light that varies by this factor within twice so many pixels has an edge there: that of a real shadow.
+const SHADOW_EDGE: f32 = 1.15;
+const SHADOW_STEP_PX: i32 = 3;
+// Albedo of one surface varies by this share.
+const GRAIN: f32 = 0.1;
 // A change of radiance below this share changes no 8-bit code (shaders/receive.wgsl).
 const LEAST_CHANGE: f32 = 0.002;
 
@@ -78,23 +83,85 @@ fn lit_by_lamps(pixel: vec2i, albedo: vec3f) -> vec3f {
     return albedo * textureLoad(light_lamps, pixel, 0).rgb * 0.31830987;
 }
 
-// Whether a pixel shows more than one surface: the one beside it is another, or the same one turned.
+// Whether the pixel `at` shows the surface at `place` with this normal, and not another one or the same one turned.
+fn shows(at: vec2i, place: vec4f, normal: vec3f) -> bool {
+    let apart_m = 0.002 + 0.005 * distance(place.xyz, camera.position_m.xyz);
+    let there = textureLoad(places, at, 0);
+    let is_same = abs(dot(there.xyz - place.xyz, normal)) < apart_m && dot(textureLoad(normals, at, 0).xyz, normal) > 0.9;
+    return there.w == place.w && (place.w == 0.0 || is_same);
+}
+
+// Whether a pixel shows more than one surface.
 fn is_edge(pixel: vec2i) -> bool {
     const STEPS = array(vec2i(1, 0), vec2i(-1, 0), vec2i(0, 1), vec2i(0, -1));
     var steps = STEPS;
     let size = vec2i(textureDimensions(places));
     let place = textureLoad(places, pixel, 0);
     let normal = textureLoad(normals, pixel, 0).xyz;
-    let apart_m = 0.002 + 0.005 * distance(place.xyz, camera.position_m.xyz);
     for (var i = 0; i < 4; i++) {
-        let at = clamp(pixel + steps[i], vec2i(0), size - 1);
-        let there = textureLoad(places, at, 0);
-        let is_same = abs(dot(there.xyz - place.xyz, normal)) < apart_m && dot(textureLoad(normals, at, 0).xyz, normal) > 0.9;
-        if there.w != place.w || (place.w > 0.0 && !is_same) {
+        if !shows(clamp(pixel + steps[i], vec2i(0), size - 1), place, normal) {
             return true;
         }
     }
     return false;
+}
+
+// Pixel `i` of 25 around another, and whether it shows the same surface.
+struct Near {
+    at: vec2i,
+    is_same: bool,
+}
+
+fn near(pixel: vec2i, i: i32) -> Near {
+    let at = pixel + SHADOW_STEP_PX * vec2i(i % 5 - 2, i / 5 - 2);
+    let is_inside = all(at >= vec2i(0)) && all(at < vec2i(textureDimensions(picture)));
+    if !is_inside || textureLoad(real_light, at, 0).w == 0.0 {
+        return Near(at, false);
+    }
+    return Near(at, shows(at, textureLoad(places, pixel, 0), textureLoad(normals, pixel, 0).xyz));
+}
+
+// Albedo of the surface that a pixel shows. At the edge of a real shadow the light that was computed may change a little
+// before or after the picture does. There the pixel is taken for the surface beside the edge that it can be: one whose albedo
+// lies between those that the pixel would have in the most and in the least of the light around.
+fn albedo_at(pixel: vec2i, light: vec3f, per_radiance: vec3f) -> vec3f {
+    let radiance = radiance_of(smooth_signal(pixel), per_radiance);
+    let own = albedo_of(radiance, light, per_radiance);
+    var least = light;
+    var most = light;
+    for (var i = 0; i < 25; i++) {
+        let other = near(pixel, i);
+        if other.is_same {
+            let there = textureLoad(real_light, other.at, 0).rgb;
+            least = min(least, there);
+            most = max(most, there);
+        }
+    }
+    if all(most <= SHADOW_EDGE * least) {
+        return own;
+    }
+    let darkest = albedo_of(radiance, most, per_radiance);
+    let lightest = albedo_of(radiance, least, per_radiance);
+    var sum = vec3f(0.0);
+    var n = 0.0;
+    for (var i = 0; i < 25; i++) {
+        let other = near(pixel, i);
+        let there = textureLoad(real_light, other.at, 0).rgb;
+        // Beside the edge, not in it.
+        if !other.is_same || !(all(there > 0.95 * most) || all(there < 1.05 * least)) {
+            continue;
+        }
+        let code = textureLoad(picture, other.at, 0).rgb;
+        let signal = signal_per_radiance(other.at);
+        let albedo = albedo_of(radiance_of(signal_at(code), signal), there, signal);
+        if all(albedo > 0.95 * darkest) && all(albedo < 1.05 * lightest) {
+            sum += albedo;
+            n += 1.0;
+        }
+    }
+    let beside = sum / max(n, 1.0);
+    // The grain of a surface stays.
+    return select(beside, own, n == 0.0 || all(abs(own - beside) < GRAIN * beside));
 }
 
 // What lamps add to a pixel at an edge: a mixture of what they add to the surfaces around, as the picture mixes them. Where
@@ -134,7 +201,7 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     if light.w > 0.0 {
         let pixel = vec2i(at.xy);
         let per_radiance = signal_per_radiance(pixel);
-        albedo = vec4f(albedo_of(radiance_of(smooth_signal(pixel), per_radiance), light.rgb, per_radiance), 1.0);
+        albedo = vec4f(albedo_at(pixel, light.rgb, per_radiance), 1.0);
         added = lit_by_lamps(pixel, albedo.rgb);
         if is_edge(pixel) {
             let mixed = added_at_edge(pixel);

@@ -123,7 +123,8 @@ fn near(pixel: vec2i, i: i32) -> Near {
 
 // Albedo of the surface that a pixel shows. At the edge of a real shadow the light that was computed may change a little
 // before or after the picture does. There the pixel is taken for the surface beside the edge that it can be: one whose albedo
-// lies between those that the pixel would have in the most and in the least of the light around.
+// lies between those that the pixel would have in the most and in the least of the light around. A second round leaves out
+// what the first one's mean shows to be another surface, or misplaced as well.
 fn albedo_at(pixel: vec2i, light: vec3f, per_radiance: vec3f) -> vec3f {
     let radiance = radiance_of(smooth_signal(pixel), per_radiance);
     let own = albedo_of(radiance, light, per_radiance);
@@ -142,26 +143,32 @@ fn albedo_at(pixel: vec2i, light: vec3f, per_radiance: vec3f) -> vec3f {
     }
     let darkest = albedo_of(radiance, most, per_radiance);
     let lightest = albedo_of(radiance, least, per_radiance);
-    var sum = vec3f(0.0);
-    var n = 0.0;
-    for (var i = 0; i < 25; i++) {
-        let other = near(pixel, i);
-        let there = textureLoad(real_light, other.at, 0).rgb;
-        // Beside the edge, not in it.
-        if !other.is_same || !(all(there > 0.95 * most) || all(there < 1.05 * least)) {
-            continue;
+    var beside = own;
+    for (var round = 0; round < 2; round++) {
+        var sum = vec3f(0.0);
+        var n = 0.0;
+        for (var i = 0; i < 25; i++) {
+            let other = near(pixel, i);
+            let there = textureLoad(real_light, other.at, 0).rgb;
+            // Beside the edge, not in it.
+            if !other.is_same || !(all(there > 0.95 * most) || all(there < 1.05 * least)) {
+                continue;
+            }
+            let code = textureLoad(picture, other.at, 0).rgb;
+            let signal = signal_per_radiance(other.at);
+            let albedo = albedo_of(radiance_of(signal_at(code), signal), there, signal);
+            let is_possible = all(albedo > 0.95 * darkest) && all(albedo < 1.05 * lightest);
+            if is_possible && (round == 0 || all(abs(albedo - beside) < 2.0 * GRAIN * beside)) {
+                sum += albedo;
+                n += 1.0;
+            }
         }
-        let code = textureLoad(picture, other.at, 0).rgb;
-        let signal = signal_per_radiance(other.at);
-        let albedo = albedo_of(radiance_of(signal_at(code), signal), there, signal);
-        if all(albedo > 0.95 * darkest) && all(albedo < 1.05 * lightest) {
-            sum += albedo;
-            n += 1.0;
+        if n > 0.0 {
+            beside = sum / n;
         }
     }
-    let beside = sum / max(n, 1.0);
     // The grain of a surface stays.
-    return select(beside, own, n == 0.0 || all(abs(own - beside) < GRAIN * beside));
+    return select(beside, own, all(abs(own - beside) < GRAIN * beside));
 }
 
 // What lamps add to a pixel at an edge: a mixture of what they add to the surfaces around, as the picture mixes them. Where

@@ -1,6 +1,6 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs` and
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs`, `tests/lamps.rs` and
 //! `tests/comparison_maps.rs` compare the three.
 //! Passes that only draw (`camera_depth`, `present`) have none.
 

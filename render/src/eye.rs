@@ -161,7 +161,7 @@ impl Eye {
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
             .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
-        let real = RealRadiance::new(gpu, view, (receive.ratio(), lamp_receive.radiance()));
+        let real = RealRadiance::new(gpu, view, &receive);
         let traced = Traced::new(gpu, EyeInputs { view, ..inputs }, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
@@ -171,7 +171,7 @@ impl Eye {
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
         let finish = match inputs.mode.name.surround() {
             Surround::Picture => {
-                let composite = Composite::new(gpu, view, (&shade, &receive, &lamp_receive));
+                let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
                 Finish::Picture(Box::new(composite))
             }
             Surround::Backdrop | Surround::Nothing => {
@@ -180,7 +180,6 @@ impl Eye {
                     shade: &shade,
                     receive: &receive,
                     real: &real,
-                    lamps: &lamp_receive,
                     light: &light_on[0],
                     probe_radiance: inputs.probe_radiance,
                 };
@@ -193,11 +192,7 @@ impl Eye {
         };
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            look: LookBlur::new(
-                gpu,
-                &[shade.radiance(), receive.ratio(), lamp_receive.radiance()],
-                size_px,
-            ),
+            look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
             real,
             traced,
             finish,

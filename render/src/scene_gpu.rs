@@ -97,12 +97,7 @@ impl SceneBuffers {
     /// # Errors
     /// As [`SceneBuffers::new`].
     pub fn placed(gpu: &Gpu, scene: &Scene, placements: &[Affine3A], max_edge_m: f32) -> Result<Self, RenderError> {
-        if scene.lamps.len() > MAX_LAMPS {
-            return Err(RenderError::TooManyLamps {
-                found: scene.lamps.len(),
-                limit: MAX_LAMPS,
-            });
-        }
+        check_lamps(scene)?;
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
@@ -249,6 +244,17 @@ impl IndexRange {
             pass.draw_indexed(0..self.n_indices, 0, 0..1);
         }
     }
+}
+
+fn check_lamps(scene: &Scene) -> Result<(), RenderError> {
+    let found = scene.lamps.len();
+    if found > MAX_LAMPS {
+        return Err(RenderError::TooManyLamps {
+            found,
+            limit: MAX_LAMPS,
+        });
+    }
+    Ok(())
 }
 
 /// Indices of the triangles all of whose corners are finite numbers: what rasterisers make of others is not defined.

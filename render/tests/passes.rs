@@ -441,7 +441,16 @@ fn composite_equals_its_twin() {
         }
         _ => Vec4::ZERO,
     }));
+    // Lamps shine on some of those that change.
+    let lit = halves((0..n).map(|i| {
+        if i % 12 == 1 {
+            Vec4::splat(value(i, 0.6))
+        } else {
+            Vec4::ZERO
+        }
+    }));
     support::write_texture(&stage.gpu, stage.receive.ratio().texture(), &ratios);
+    support::write_texture(&stage.gpu, stage.receive.added().texture(), &lit);
     support::write_texture(&stage.gpu, stage.shade.radiance().texture(), &over);
     let gpu_camera = GpuCamera::new(camera, &Pose::identity(), &EXPOSURE, [0.02, 20.0]);
     stage.gpu.write(&stage.camera, &[gpu_camera]);
@@ -465,7 +474,7 @@ fn composite_equals_its_twin() {
         let code = [codes[3 * i], codes[3 * i + 1], codes[3 * i + 2]];
         let found = [rgba[4 * i], rgba[4 * i + 1], rgba[4 * i + 2]];
         let vector = |t: [half::f16; 4]| Vec4::from_array(t.map(half::f16::to_f32));
-        let (ratio, over) = (vector(ratios[i]), vector(over[i]));
+        let (ratio, over, added) = (vector(ratios[i]), vector(over[i]), vector(lit[i]).xyz());
         let ratio = if ratio.w > 0.0 { ratio.xyz() } else { Vec3::ONE };
         let place = DVec2::new((i % 320) as f64, (i / 320) as f64);
         let of = reference::composite::PixelOf {
@@ -473,7 +482,7 @@ fn composite_equals_its_twin() {
             exposure: &EXPOSURE,
             pixel: place,
         };
-        let expected = reference::composite::pixel(&of, code, ratio, over);
+        let expected = reference::composite::pixel(&of, code, [ratio, added], over);
         if i % 3 == 0 {
             assert_eq!(found, code, "pixel {i} has nothing to change it");
         } else {

@@ -14,6 +14,7 @@ use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::inset::GpuTile;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::ray_light::GpuLightProbe;
+use mirrorball_render::passes::lamp_light::{GpuLamp, GpuLamps};
 use mirrorball_render::passes::separable_blur::ITERATIONS;
 use mirrorball_render::scene_rays::GpuInstance;
 use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
@@ -255,6 +256,24 @@ fn structs_of_domes_have_one_layout() {
             size_px
         }
     );
+}
+
+#[test]
+fn structs_of_virtual_lamps_have_one_layout() {
+    for pass in ["lamp_shares", "lamp_light", "shade"] {
+        assert_same_layout!(
+            pass,
+            "Lamp",
+            GpuLamp {
+                position_m,
+                direction,
+                across,
+                along,
+                irradiance
+            }
+        );
+        assert_same_layout!(pass, "Lamps", GpuLamps { counts, all });
+    }
 }
 
 #[test]

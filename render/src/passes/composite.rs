@@ -1,14 +1,13 @@
 //! Camera picture, ratios and virtual objects into the final picture.
 
 use super::groups;
-use crate::camera_view::CameraView;
 use crate::codes::Codes;
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
 use crate::gpu::types::GpuNoise;
-use crate::passes::lamp_receive::LampReceive;
 use crate::passes::receive::Receive;
 use crate::passes::shade::Shade;
+use crate::scene_gpu::PictureBuffers;
 
 /// The pass with its result.
 #[derive(Debug)]
@@ -20,10 +19,16 @@ pub struct Composite {
 }
 
 impl Composite {
-    /// A pass for the pictures of `view`; noise is none until [`Composite::set_noise`].
+    /// A pass for pictures of `size_px`, with the scene camera in the uniform buffer `camera`; noise is none until
+    /// [`Composite::set_noise`].
     #[must_use]
-    pub fn new(gpu: &Gpu, view: &CameraView, (shade, receive, lamps): (&Shade, &Receive, &LampReceive)) -> Self {
-        let size_px = view.size_px();
+    pub fn new(
+        gpu: &Gpu,
+        camera: &wgpu::Buffer,
+        picture: &PictureBuffers,
+        (shade, receive): (&Shade, &Receive),
+        size_px: [u32; 2],
+    ) -> Self {
         let pipeline = gpu.compute_pipeline("composite");
         let codes = Codes::new(gpu, "composite: codes", size_px);
         let noise = gpu.buffer("composite: noise", &[<GpuNoise as bytemuck::Zeroable>::zeroed()]);
@@ -31,13 +36,13 @@ impl Composite {
             "composite",
             &pipeline.get_bind_group_layout(0),
             &[
-                view.camera.as_entire_binding(),
-                view.picture.response.as_entire_binding(),
-                wgpu::BindingResource::TextureView(&view.picture.view),
+                camera.as_entire_binding(),
+                picture.response.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&picture.view),
                 wgpu::BindingResource::TextureView(shade.radiance()),
                 wgpu::BindingResource::TextureView(receive.ratio()),
                 codes.buffer().as_entire_binding(),
-                wgpu::BindingResource::TextureView(lamps.radiance()),
+                wgpu::BindingResource::TextureView(receive.added()),
                 noise.as_entire_binding(),
             ],
         );

@@ -13,7 +13,6 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
 use crate::mode::Surround;
 use crate::passes::direct::ShadowedLight;
-use crate::passes::lamp_receive::LampReceive;
 use crate::passes::real_radiance::RealRadiance;
 
 /// The pass with its result.
@@ -31,12 +30,10 @@ pub struct Inputs<'a> {
     pub camera: &'a wgpu::Buffer,
     /// Virtual objects.
     pub shade: &'a Shade,
-    /// Ratio on phantoms.
+    /// Ratio on phantoms, and what virtual lamps add to them.
     pub receive: &'a Receive,
     /// Real things.
     pub real: &'a RealRadiance,
-    /// What virtual lamps add to them.
-    pub lamps: &'a LampReceive,
     /// Light on phantoms.
     pub light: &'a ShadowedLight,
     /// Radiance at the probe, a cube.
@@ -84,7 +81,7 @@ impl Display {
                 wgpu::BindingResource::TextureView(inputs.probe_radiance),
                 wgpu::BindingResource::Sampler(&gpu.linear_sampler()),
                 codes.buffer().as_entire_binding(),
-                wgpu::BindingResource::TextureView(inputs.lamps.radiance()),
+                wgpu::BindingResource::TextureView(inputs.receive.added()),
             ],
         );
         Self {

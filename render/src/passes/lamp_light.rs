@@ -111,8 +111,15 @@ impl LampLight {
             .create_view(&layers());
         let view = |view| wgpu::BindingResource::TextureView(view);
         let lamps = || scene.lamps.as_entire_binding();
-        let mut of_shares = rays.resources().to_vec();
-        of_shares.extend([lamps(), view(views.place), view(views.normal), view(&own_shares)]);
+        let of_rays = rays.resources().into_iter().zip(0..);
+        let of_shares: Vec<wgpu::BindGroupEntry<'_>> =
+            [lamps(), view(views.place), view(views.normal), view(&own_shares)]
+                .into_iter()
+                .zip(4..)
+                // Binding 3, the vertices, tells what was hit: of no use here.
+                .chain(of_rays.take(3))
+                .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
+                .collect();
         let of_light = [
             lamps(),
             view(views.place),
@@ -123,7 +130,7 @@ impl LampLight {
         ];
         Self {
             steps: Some([
-                Step::new(gpu, "lamp_shares", &of_shares),
+                Step::with_entries(gpu, "lamp_shares", &of_shares),
                 Step::new(gpu, "lamp_light", &of_light),
             ]),
             size_px,

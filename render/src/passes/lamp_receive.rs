@@ -9,25 +9,23 @@ use crate::passes::direct::ShadowedLight;
 use crate::passes::receive::Receive;
 use crate::shadow::dome::Step;
 
-/// The pass with its targets; without lamps it does nothing, and they stay black.
+/// The pass with its albedo; without lamps it does nothing, and its targets stay black.
 #[derive(Debug)]
 pub struct LampReceive {
     step: Option<Step>,
     albedo: wgpu::TextureView,
-    added: wgpu::TextureView,
     size_px: [u32; 2],
 }
 
 impl LampReceive {
-    /// A pass for `n_lamps` lamps that shine on the phantoms of `view`, whose light `light` and `receive` hold.
+    /// A pass for `n_lamps` lamps that shine on the phantoms of `view`: their light is in `light`, the room's in `receive`, to
+    /// which it adds.
     #[must_use]
     pub fn new(gpu: &Gpu, view: &CameraView, (light, receive): (&ShadowedLight, &Receive), n_lamps: usize) -> Self {
         let size_px = view.size_px();
-        let target = |label| {
-            gpu.texture(label, TextureShape::plain(size_px), RADIANCE_FORMAT)
-                .create_view(&wgpu::TextureViewDescriptor::default())
-        };
-        let (albedo, added) = (target("lamp_receive: albedo"), target("lamp_receive: radiance"));
+        let albedo = gpu
+            .texture("lamp_receive: albedo", TextureShape::plain(size_px), RADIANCE_FORMAT)
+            .create_view(&wgpu::TextureViewDescriptor::default());
         let texture = |view| wgpu::BindingResource::TextureView(view);
         let resources = [
             view.camera.as_entire_binding(),
@@ -35,13 +33,14 @@ impl LampReceive {
             texture(&view.picture.view),
             texture(receive.real_light()),
             texture(&light.lamps),
+            texture(&light.place),
+            texture(&light.normal),
             texture(&albedo),
-            texture(&added),
+            texture(receive.added()),
         ];
         Self {
             step: (n_lamps > 0).then(|| Step::new(gpu, "lamp_receive", &resources)),
             albedo,
-            added,
             size_px,
         }
     }
@@ -52,13 +51,7 @@ impl LampReceive {
         &self.albedo
     }
 
-    /// Radiance that lamps add to real things, in the rig's common RGB.
-    #[must_use]
-    pub fn radiance(&self) -> &wgpu::TextureView {
-        &self.added
-    }
-
-    /// Fills both.
+    /// Fills the albedo and what is added to the real things.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
         if let Some(step) = &self.step {
             step.record(encoder, timer, [groups(self.size_px[0]), groups(self.size_px[1]), 1]);

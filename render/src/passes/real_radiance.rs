@@ -5,6 +5,7 @@ use crate::camera_view::CameraView;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
+use crate::passes::receive::Receive;
 
 /// Mips of the picture.
 pub const REAL_MIPS: u32 = 6;
@@ -21,9 +22,9 @@ pub struct RealRadiance {
 }
 
 impl RealRadiance {
-    /// A pass for the pictures of `view`, dimmed and lit by `ratio`, with the radiance that lamps add.
+    /// A pass for the pictures of `view`, dimmed and lit as `receive` says.
     #[must_use]
-    pub fn new(gpu: &Gpu, view: &CameraView, (ratio, added): (&wgpu::TextureView, &wgpu::TextureView)) -> Self {
+    pub fn new(gpu: &Gpu, view: &CameraView, receive: &Receive) -> Self {
         let size_px = view.size_px();
         let shape = TextureShape {
             mips: REAL_MIPS.min(size_px[0].min(size_px[1]).max(1).ilog2() + 1),
@@ -46,8 +47,8 @@ impl RealRadiance {
                 view.camera.as_entire_binding(),
                 view.picture.response.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&view.picture.view),
-                wgpu::BindingResource::TextureView(ratio),
-                wgpu::BindingResource::TextureView(added),
+                wgpu::BindingResource::TextureView(receive.ratio()),
+                wgpu::BindingResource::TextureView(receive.added()),
                 wgpu::BindingResource::TextureView(&mip(0)),
             ],
         )];

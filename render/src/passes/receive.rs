@@ -15,6 +15,7 @@ pub struct Receive {
     frame: wgpu::Buffer,
     target: wgpu::TextureView,
     real_light: wgpu::TextureView,
+    added: wgpu::TextureView,
     size_px: [u32; 2],
 }
 
@@ -59,6 +60,7 @@ impl Receive {
             frame,
             target,
             real_light,
+            added: texture("receive: light of lamps"),
             size_px,
         }
     }
@@ -78,6 +80,12 @@ impl Receive {
     #[must_use]
     pub fn real_light(&self) -> &wgpu::TextureView {
         &self.real_light
+    }
+
+    /// Radiance that virtual lamps add to phantoms, in the rig's common RGB: for [`super::lamp_receive`] to fill, else black.
+    #[must_use]
+    pub fn added(&self) -> &wgpu::TextureView {
+        &self.added
     }
 
     /// Computes the ratios from the light on the phantoms.

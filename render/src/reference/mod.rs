@@ -1,7 +1,7 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
 //! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/materials`, `tests/light_maps.rs`,
-//! `tests/comparison_maps.rs`, `tests/look.rs` and `tests/modes.rs` compare the three.
+//! `tests/comparison_maps.rs`, `tests/lamps.rs`, `tests/look.rs` and `tests/modes.rs` compare the three.
 //! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
 pub mod composite;
@@ -13,6 +13,8 @@ pub mod harmonics;
 pub mod highlight;
 pub mod irradiance;
 pub mod irradiance_cube;
+pub mod lamp_light;
+pub mod lamp_receive;
 pub mod lobe_sum;
 pub mod look_blur;
 pub mod material;

@@ -14,7 +14,7 @@ pub fn pixel(of: &PixelOf<'_>, frame: u32, (code, ratio, over): ([u8; 3], Vec3, 
     let missing = missing_variance(of, code, ratio, over);
     let sigma = DVec3::from_array(missing.to_array().map(f64::sqrt));
     let at = of.pixel.as_uvec2();
-    let noisy = mixed_signal(of, code, ratio, over) + sigma * normals([at.x, at.y], frame);
+    let noisy = mixed_signal(of, code, [ratio, Vec3::ZERO], over) + sigma * normals([at.x, at.y], frame);
     noisy.to_array().map(|y| of.camera.photometry.response.encode(y))
 }
 
@@ -43,7 +43,7 @@ pub fn missing_variance(of: &PixelOf<'_>, code: [u8; 3], ratio: Vec3, over: Vec4
         * DMat3::from_diagonal(signal.recip());
     let covariance = gain * DMat3::from_diagonal(in_picture) * gain.transpose();
     let carried = DVec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z);
-    (model(mixed_signal(of, code, ratio, over)) - carried).max(DVec3::ZERO)
+    (model(mixed_signal(of, code, [ratio, Vec3::ZERO], over)) - carried).max(DVec3::ZERO)
 }
 
 /// Three independent normal numbers of a pixel (column, row) of a frame (Box and Muller 1958).

@@ -19,6 +19,7 @@ use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::readback::Readback;
 use mirrorball_render::scene::occluders::Occluders;
 use mirrorball_render::scene::{Kind, Material, Mesh, Object, Placement, Scene, Vertex};
+use mirrorball_render::shadow::view::View;
 
 /// Exposure of every picture: signal 0.2 per unit of radiance with the rig's sensitivity.
 pub(crate) const EXPOSURE: Exposure = Exposure {
@@ -51,6 +52,39 @@ pub(crate) fn gpu() -> Option<Gpu> {
 /// A scene camera, a fisheye that looks up beside the markers, two markers.
 pub(crate) fn rig() -> Rig {
     Rig::from_toml(include_str!("rig.toml"), Path::new("rig.toml")).expect("the rig of the tests is valid")
+}
+
+/// Focal length of [`pinhole_rig`], pixels; its principal point is the middle of the picture.
+pub(crate) const PINHOLE_FOCAL_PX: f64 = 322.0;
+
+/// The same rig with a pinhole and without vignetting or colours of its own, as the path tracer's camera.
+pub(crate) fn pinhole_rig() -> Rig {
+    let quirks = [
+        ("focal_px = [322.0, 321.0]", "focal_px = [322.0, 322.0]"),
+        (
+            "principal_point_px = [161.3, 118.6]",
+            "principal_point_px = [159.5, 119.5]",
+        ),
+        (
+            "distortion = [-0.05, 0.02, -0.0004, 0.0003, 0.0]",
+            "distortion = [0.0, 0.0, 0.0, 0.0, 0.0]",
+        ),
+        ("vignetting = [-0.1, 0.0]", "vignetting = [0.0, 0.0]"),
+        ("color = [[1.1, -0.1, 0.0], [0.0, 1.0, 0.0], [0.05, 0.0, 0.95]]\n", ""),
+    ];
+    let text = quirks
+        .iter()
+        .fold(include_str!("rig.toml").to_owned(), |text, (from, to)| {
+            assert!(text.contains(from), "rig.toml lacks `{from}`");
+            text.replacen(from, to, 1)
+        });
+    Rig::from_toml(&text, Path::new("rig.toml")).expect("the rig of the tests is valid")
+}
+
+/// The pinhole rig's camera at `from_m`, looking at `at_m`, as the path tracer takes it.
+pub(crate) fn pinhole_view(from_m: DVec3, at_m: DVec3) -> View {
+    let height_rad = 2.0 * (120.0 / PINHOLE_FOCAL_PX as f32).atan();
+    View::looking_at(from_m.as_vec3(), at_m.as_vec3(), height_rad, [320, 240])
 }
 
 /// Pose of a camera at `from` that looks at `target`.

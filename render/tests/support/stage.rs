@@ -36,7 +36,7 @@ pub(crate) struct Stage {
     shadows: SceneShadows,
     eye_shadows: EyeShadows,
     surfaces: [LensSurface; 2],
-    light_on: [ShadowedLight; 2],
+    pub(crate) light_on: [ShadowedLight; 2],
     pub(crate) receive: Receive,
     pub(crate) shade: Shade,
 }

@@ -14,8 +14,24 @@ pub(crate) struct Step {
 impl Step {
     /// The pass `name`, its resources bound in order.
     pub(crate) fn new(gpu: &Gpu, name: &'static str, resources: &[wgpu::BindingResource<'_>]) -> Self {
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding,
+                resource: resource.clone(),
+            })
+            .collect();
+        Self::with_entries(gpu, name, &entries)
+    }
+
+    /// The pass `name`, which leaves some bindings out.
+    pub(crate) fn with_entries(gpu: &Gpu, name: &'static str, entries: &[wgpu::BindGroupEntry<'_>]) -> Self {
         let pipeline = gpu.compute_pipeline(name);
-        let bindings = gpu.bind(name, &pipeline.get_bind_group_layout(0), resources);
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(name),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries,
+        });
         Self {
             name,
             pipeline,

@@ -192,7 +192,7 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
-            irradiance = near_irradiance(slot, normal) + textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
+            irradiance = textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
         } else {
             irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
         }

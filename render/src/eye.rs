@@ -7,6 +7,7 @@ use crate::config::LightConfig;
 use crate::environments::Environments;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
+use crate::near::{NearEye, NearThings};
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
@@ -27,6 +28,8 @@ pub struct Eye {
     pub light_on: [ShadowedLight; 2],
     /// Light from afar, past all shadows.
     pub shadows: EyeShadows,
+    /// Light that near things throw on each other.
+    pub near: NearEye,
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
     /// Real things as radiance, shadows of the virtual ones on them.
@@ -52,6 +55,8 @@ pub struct EyeInputs<'a> {
     pub environments: &'a Environments,
     /// Radiance at the probe.
     pub probe_radiance: &'a wgpu::TextureView,
+    /// What eyes share of the light between near things.
+    pub near: &'a NearThings,
     /// The shadows that eyes share.
     pub shadows: &'a SceneShadows,
     /// How light reaches the objects.
@@ -91,9 +96,11 @@ impl Eye {
             light: inputs.light,
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
+        let real = RealRadiance::new(gpu, view, receive.ratio());
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
-            real: RealRadiance::new(gpu, view, receive.ratio()),
+            near: NearEye::new(gpu, inputs, &light_on, &real),
+            real,
             composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),
             shadows: eye_shadows,
             virtuals,

@@ -96,6 +96,7 @@ impl RenderNode {
         gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
+        self.near.upload(gpu, light, self.probe.optics().position_m());
     }
 
     /// Every pass of the picture, in order.
@@ -116,6 +117,7 @@ impl RenderNode {
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
         for eye in &self.eyes {
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
+            eye.near.write(gpu, &of_frame);
             eye.receive.write(gpu, &of_frame);
         }
         gpu.queue.submit([surfaces.finish()]);
@@ -131,11 +133,14 @@ impl RenderNode {
         passes.local_environment.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
+        self.near.record(&mut encoder, timer);
         for eye in &mut self.eyes {
             let job = (&mut eye.shadows, &shadow_frame, camera_from_world);
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
+            eye.near.record_change(&mut encoder, timer);
             eye.receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
+            eye.near.record_light(&mut encoder, timer);
             eye.depth.record(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
             eye.composite.record(&mut encoder, timer);

@@ -16,6 +16,7 @@ use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
+use crate::near::NearThings;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
@@ -122,6 +123,8 @@ pub struct RenderNode {
     pub(crate) passes: Passes,
     /// What the scene camera sees.
     pub(crate) seen: CameraView,
+    /// What eyes share of the light between near things.
+    pub(crate) near: NearThings,
     /// The pictures that are made.
     pub(crate) eyes: Vec<Eye>,
     pub(crate) scene: SceneBuffers,
@@ -189,6 +192,7 @@ impl RenderNode {
         };
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
+        let near = NearThings::new(&gpu, &seen);
         let eye = Eye::new(
             &gpu,
             EyeInputs {
@@ -197,6 +201,7 @@ impl RenderNode {
                 rays: &rays,
                 environments: &environments,
                 probe_radiance: &pictures.radiance.view,
+                near: &near,
                 shadows: &shadows,
                 light: config.light,
             },
@@ -227,6 +232,7 @@ impl RenderNode {
             pictures,
             passes,
             seen,
+            near,
             eyes: vec![eye],
             scene: buffers,
             rays,

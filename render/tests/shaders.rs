@@ -9,6 +9,7 @@ use mirrorball_render::gpu::types::{
     GpuCamera, GpuEnvironment, GpuFrame, GpuLobe, GpuMaterial, GpuNode, GpuObject, GpuProbe, GpuTurn, MAX_ENVIRONMENTS,
 };
 use mirrorball_render::light_tree::LEVELS;
+use mirrorball_render::near::far_lights::{GpuFarLight, GpuFarLights};
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
@@ -160,6 +161,16 @@ fn shared_structs_have_one_layout() {
         }
     );
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
+}
+
+#[test]
+fn structs_of_near_light_have_one_layout() {
+    for pass in ["near_light", "near_change"] {
+        assert_same_layout!(pass, "FarLight", GpuFarLight { position_m, intensity });
+        assert_same_layout!(pass, "FarLights", GpuFarLights { position_m, lights });
+    }
+    let lights = format!("array<FarLight, {MAX_DOME_LIGHTS}>");
+    assert!(source("near_light").contains(&lights), "far_lights.wgsl lacks `{lights}`");
 }
 
 #[test]

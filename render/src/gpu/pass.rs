@@ -205,6 +205,19 @@ impl Gpu {
         })
     }
 
+    /// A sampler that filters linearly within a mip and repeats at the edges.
+    #[must_use]
+    pub fn repeating_sampler(&self) -> wgpu::Sampler {
+        self.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("repeating"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..wgpu::SamplerDescriptor::default()
+        })
+    }
+
     /// A sampler that filters linearly between texels and mips and clamps at the edges.
     #[must_use]
     pub fn linear_sampler(&self) -> wgpu::Sampler {

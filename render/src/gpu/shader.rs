@@ -16,6 +16,9 @@ const SHARED: &[(&str, &str)] = &[
     ),
     ("dome", include_str!("../../shaders/shared/dome.wgsl")),
     ("dome_ray", include_str!("../../shaders/shared/dome_ray.wgsl")),
+    ("far_lights", include_str!("../../shaders/shared/far_lights.wgsl")),
+    ("near_path", include_str!("../../shaders/shared/near_path.wgsl")),
+    ("near_scene", include_str!("../../shaders/shared/near_scene.wgsl")),
     ("key_light", include_str!("../../shaders/shared/key_light.wgsl")),
     ("light_places", include_str!("../../shaders/shared/light_places.wgsl")),
     ("light_tree", include_str!("../../shaders/shared/light_tree.wgsl")),
@@ -52,6 +55,8 @@ pub const PASSES: &[(&str, &str)] = &[
         "local_environment",
         include_str!("../../shaders/local_environment.wgsl"),
     ),
+    ("near_change", include_str!("../../shaders/near_change.wgsl")),
+    ("near_light", include_str!("../../shaders/near_light.wgsl")),
     ("present", include_str!("../../shaders/present.wgsl")),
     ("prefilter_phong", include_str!("../../shaders/prefilter_phong.wgsl")),
     (

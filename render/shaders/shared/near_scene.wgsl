@@ -1,0 +1,17 @@
+// Bindings 4 to 16 of the passes that follow light from near things (src/passes/near_light.rs).
+
+@group(0) @binding(4) var<uniform> camera: Camera;
+@group(0) @binding(5) var<uniform> probe: FarLights;
+@group(0) @binding(6) var<storage, read> materials: array<Material>;
+@group(0) @binding(7) var base_colors: texture_2d_array<f32>;
+@group(0) @binding(8) var base_color_sampler: sampler;
+@group(0) @binding(9) var specular: texture_cube_array<f32>;
+@group(0) @binding(10) var linear_sampler: sampler;
+// The camera's picture as radiance, shadows of virtual objects on it, with mips.
+@group(0) @binding(11) var real: texture_2d<f32>;
+@group(0) @binding(12) var real_places: texture_2d<f32>;
+@group(0) @binding(13) var probe_radiance: texture_cube<f32>;
+// Place and normal of the surface that each pixel shows; place's w: 0 where there is none.
+@group(0) @binding(14) var places: texture_2d<f32>;
+@group(0) @binding(15) var normals: texture_2d<f32>;
+@group(0) @binding(16) var out: texture_storage_2d<rgba16float, write>;

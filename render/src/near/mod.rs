@@ -1,0 +1,114 @@
+//! Light that near things throw on each other: real ones on virtual ones, virtual ones on each other and on themselves, and
+//! what virtual ones change on real ones.
+//!
+//! [`NearThings`] is what eyes share, [`NearEye`] what each has of its own. Light from afar is a matter of shadows
+//! ([`crate::scene_shadows`]) and enters here where it meets a virtual surface that sends it on.
+
+pub mod far_lights;
+
+use glam::Vec3;
+
+use crate::camera_view::CameraView;
+use crate::eye::EyeInputs;
+use crate::gpu::Gpu;
+use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
+use crate::gpu::timer::Timer;
+use crate::gpu::types::GpuFrame;
+use crate::passes::direct::{self, ShadowedLight};
+use crate::passes::near_light::{Inputs, NearLight};
+use crate::passes::real_radiance::RealRadiance;
+use crate::passes::receive::Receive;
+use crate::probe::Light;
+use far_lights::FarLights;
+
+/// What eyes share.
+#[derive(Debug)]
+pub struct NearThings {
+    /// Light from afar, for rays.
+    pub far_lights: FarLights,
+    /// Real things as the scene camera has them, without virtual shadows.
+    pub unshadowed: RealRadiance,
+}
+
+impl NearThings {
+    /// Prepares for pictures of `view`.
+    #[must_use]
+    pub fn new(gpu: &Gpu, view: &CameraView) -> Self {
+        Self {
+            far_lights: FarLights::new(gpu),
+            unshadowed: RealRadiance::new(gpu, view, &black(gpu, view.size_px())),
+        }
+    }
+
+    /// Hands the light of a frame, measured at `probe_m` (world, metres), to the GPU.
+    pub fn upload(&self, gpu: &Gpu, light: &Light, probe_m: Vec3) {
+        self.far_lights.upload(gpu, light, probe_m);
+    }
+
+    /// Makes what eyes share of a frame's picture.
+    pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        self.unshadowed.record(encoder, timer);
+    }
+}
+
+/// The passes of one eye.
+#[derive(Debug)]
+pub struct NearEye {
+    /// Shadows on real things before near light, which is not known yet.
+    receive: Receive,
+    shadowed: RealRadiance,
+    change: NearLight,
+    light: NearLight,
+}
+
+impl NearEye {
+    /// Passes that fill [`ShadowedLight::near`] of both surfaces; `real` is the finished radiance of real things.
+    #[must_use]
+    pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, light_on: &[ShadowedLight; 2], real: &RealRadiance) -> Self {
+        let EyeInputs { view, near, .. } = inputs;
+        let size_px = view.size_px();
+        let [on_phantoms, on_virtuals] = light_on;
+        let from_afar = on_phantoms.with_near(&black(gpu, size_px));
+        let direct = direct::Inputs {
+            camera: &view.camera,
+            scene: inputs.scene,
+            environments: inputs.environments,
+            light: &from_afar,
+        };
+        let receive = Receive::new(gpu, direct, size_px);
+        let shadowed = RealRadiance::new(gpu, view, receive.ratio());
+        let on = |light, real| Inputs {
+            eye: inputs,
+            light,
+            real,
+        };
+        Self {
+            change: NearLight::change(gpu, on(on_phantoms, shadowed.radiance()), near.unshadowed.radiance()),
+            light: NearLight::light(gpu, on(on_virtuals, real.radiance())),
+            receive,
+            shadowed,
+        }
+    }
+
+    /// Uploads what a frame's pixels share.
+    pub fn write(&self, gpu: &Gpu, frame: &GpuFrame) {
+        self.receive.write(gpu, frame);
+    }
+
+    /// What virtual objects change on real ones; the light from afar on both is known.
+    pub fn record_change(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        self.receive.record(encoder, timer);
+        self.shadowed.record(encoder, timer);
+        self.change.record(encoder, timer);
+    }
+
+    /// Light on virtual objects; the radiance of real ones is known.
+    pub fn record_light(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
+        self.light.record(encoder, timer);
+    }
+}
+
+fn black(gpu: &Gpu, size_px: [u32; 2]) -> wgpu::TextureView {
+    gpu.texture("near: no light", TextureShape::plain(size_px), RADIANCE_FORMAT)
+        .create_view(&wgpu::TextureViewDescriptor::default())
+}

@@ -12,14 +12,15 @@
 #import near_scene
 #import material
 #import seen
-#import real_surface
+#import real_memory
 #import near_path
 
 // The camera's picture as radiance, without virtual shadows, with mips.
 @group(0) @binding(17) var unshadowed: texture_2d<f32>;
 
-// Rays of a pixel towards one object.
-const RAYS = 4u;
+// Rays of a pixel towards one object that is close, and form factor from which on there are as many.
+const MOST_RAYS = 4u;
+const CLOSE_SHARE = 0.15;
 // Form factor of an object's sphere below which it changes nothing, and above which its whole change counts.
 const NO_SHARE = 0.01;
 const WHOLE_SHARE = 0.02;
@@ -27,10 +28,10 @@ const WHOLE_SHARE = 0.02;
 const WIDE = 0.95;
 
 // Radiance of a real surface as the camera has it, without virtual shadows.
-fn unshadowed_radiance(point: vec3f, footprint_m: f32) -> vec3f {
+fn unshadowed_radiance(hit: SceneHit, point: vec3f, footprint_m: f32) -> vec3f {
     let pixel = seen_at(point);
     if pixel.x < 0.0 {
-        return real_radiance(point, footprint_m);
+        return remembered_radiance(hit);
     }
     let pixels = footprint_m * camera.focal_and_principal_px.x / distance(point, camera.position_m.xyz);
     return textureSampleLevel(unshadowed, linear_sampler, (pixel + 0.5) / camera.limits.zw, log2(max(pixels, 1.0))).rgb;
@@ -38,20 +39,23 @@ fn unshadowed_radiance(point: vec3f, footprint_m: f32) -> vec3f {
 
 // Radiance along a ray that object `i` changes: its own less that of the real thing behind it.
 fn changed_radiance(i: u32, origin: vec3f, direction: vec3f, index: u32) -> vec3f {
-    let gained = near_radiance(origin, direction, i, index);
-    if gained.a == 0.0 {
+    let hit = scene_hit(VIRTUALS, origin, direction, FAR_M);
+    if hit.object != i {
         return vec3f(0.0);
     }
     let behind = scene_hit(PHANTOMS, origin, direction, FAR_M);
     var lost = vec3f(0.0);
     if behind.object != NOTHING {
-        lost = unshadowed_radiance(origin + direction * behind.distance_m, RAY_RAD * behind.distance_m);
+        if behind.distance_m < hit.distance_m {
+            return vec3f(0.0);
+        }
+        lost = unshadowed_radiance(behind, origin + direction * behind.distance_m, RAY_RAD * behind.distance_m);
     }
-    return gained.rgb - lost;
+    return near_radiance(hit, origin, direction, index) - lost;
 }
 
 // Change of the irradiance at a place by object `i`.
-fn change_by(i: u32, place: vec3f, normal: vec3f, first: u32) -> vec3f {
+fn change_by(i: u32, place: vec3f, normal: vec3f, rank: u32) -> vec3f {
     let sphere = instances[i].sphere_m;
     let center = (instances[i].world_from_object * vec4f(sphere.xyz, 1.0)).xyz;
     let radius = sphere.w * length(instances[i].world_from_object[0].xyz);
@@ -65,8 +69,10 @@ fn change_by(i: u32, place: vec3f, normal: vec3f, first: u32) -> vec3f {
     let is_wide = sine > WIDE;
     let axes = basis_around(select(normalize(to_center), normal, is_wide));
     let cosine = sqrt(max(1.0 - sine * sine, 0.0));
+    let rays = clamp(u32(f32(MOST_RAYS) * share / CLOSE_SHARE) + 1u, 1u, MOST_RAYS);
     var sum = vec3f(0.0);
-    for (var ray = first; ray < first + RAYS; ray++) {
+    for (var i_ray = 0u; i_ray < rays; i_ray++) {
+        let ray = rank + 16u * i_ray;
         let random = sample_2d(ray, 0u, 0u);
         // Even in solid angle within the cone, or by the cosine over the hemisphere.
         let height = 1.0 - random.x * (1.0 - cosine);
@@ -80,7 +86,7 @@ fn change_by(i: u32, place: vec3f, normal: vec3f, first: u32) -> vec3f {
             sum += weight * changed_radiance(i, place + START_M * normal, direction, ray);
         }
     }
-    return sum * (smoothstep(NO_SHARE, WHOLE_SHARE, share) / f32(RAYS));
+    return sum * (smoothstep(NO_SHARE, WHOLE_SHARE, share) / f32(rays));
 }
 
 @compute @workgroup_size(8, 8, 1)
@@ -94,7 +100,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         let normal = normalize(textureLoad(normals, id.xy, 0).xyz);
         for (var i = 0u; i < arrayLength(&instances); i++) {
             if instances[i].facts.y == VIRTUALS && instances[i].facts.x != NO_ROOT {
-                sum += change_by(i, place.xyz, normal, RAYS * rank_in_tile(id.xy));
+                sum += change_by(i, place.xyz, normal, rank_in_tile(id.xy));
             }
         }
     }

@@ -12,7 +12,7 @@
 #import near_scene
 #import material
 #import seen
-#import real_surface
+#import real_memory
 #import near_path
 
 // Rays of a pixel.
@@ -35,11 +35,12 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         normal = normalize(normal - 1.01 * dot(normal, to_eye) * to_eye);
     }
     let axes = basis_around(normal);
-    let first = RAYS * rank_in_tile(id.xy);
     var sum = vec3f(0.0);
-    for (var ray = first; ray < first + RAYS; ray++) {
+    for (var i_ray = 0u; i_ray < RAYS; i_ray++) {
+        let ray = rank_in_tile(id.xy) + 16u * i_ray;
         let direction = axes * cosine_direction(sample_2d(ray, 0u, 0u));
-        sum += near_radiance(place.xyz + START_M * normal, direction, NOTHING, ray).rgb;
+        let origin = place.xyz + START_M * normal;
+        sum += near_radiance(scene_hit(ALL_OBJECTS, origin, direction, FAR_M), origin, direction, ray);
     }
     textureStore(out, id.xy, vec4f(min(sum * (3.1415927 / f32(RAYS)), vec3f(60000.0)), 1.0));
 }

@@ -192,7 +192,9 @@ fn virtual_radiance(corner: Corner) -> vec3f {
         let pixel = light_pixel(vec2u(corner.clip.xy), corner.position, normal);
         var irradiance: vec3f;
         if DIFFUSE == 0u {
-            irradiance = textureLoad(light_near, pixel, 0).rgb + textureLoad(light_with, pixel, 0).rgb;
+            // Harmonics stand in where no pixel has followed the light from near things: a thing too thin for one.
+            let near = textureLoad(light_near, pixel, 0);
+            irradiance = select(near_irradiance(slot, normal), near.rgb, near.a > 0.0) + textureLoad(light_with, pixel, 0).rgb;
         } else {
             irradiance = mapped_irradiance(slot, normal, to_eye) * share_past_virtual(pixel);
         }

@@ -16,7 +16,8 @@ use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuStrong;
 use crate::light_maps::LightMaps;
 use crate::measure::BlindView;
-use crate::near::NearThings;
+use crate::near::parts::Parts;
+use crate::near::{NearInputs, NearThings};
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
@@ -192,7 +193,14 @@ impl RenderNode {
         };
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
-        let near = NearThings::new(&gpu, &seen);
+        let parts = Parts::new(&buffers, &placements, (&occluders, probe.optics()));
+        let near_inputs = NearInputs {
+            view: &seen,
+            scene: &buffers,
+            environments: &environments,
+            probe_radiance: &pictures.radiance.view,
+        };
+        let near = NearThings::new(&gpu, near_inputs, &parts);
         let eye = Eye::new(
             &gpu,
             EyeInputs {

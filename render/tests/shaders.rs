@@ -170,7 +170,10 @@ fn structs_of_near_light_have_one_layout() {
         assert_same_layout!(pass, "FarLights", GpuFarLights { position_m, lights });
     }
     let lights = format!("array<FarLight, {MAX_DOME_LIGHTS}>");
-    assert!(source("near_light").contains(&lights), "far_lights.wgsl lacks `{lights}`");
+    assert!(
+        source("near_light").contains(&lights),
+        "far_lights.wgsl lacks `{lights}`"
+    );
 }
 
 #[test]

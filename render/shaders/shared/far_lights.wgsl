@@ -52,7 +52,8 @@ fn far_irradiance(place: vec3f, normal: vec3f, choice: f32, disk: vec2f) -> vec3
     var total = 0.0;
     var chosen = 0u;
     var luminance = 0.0;
-    var left = choice;
+    // Kept below 1 against rounding.
+    var left = min(choice, 0.9999999);
     let n = u32(probe.position_m.w);
     for (var i = 0u; i < n; i++) {
         let given = dot(unblocked_irradiance(i, place, normal), vec3f(0.2126, 0.7152, 0.0722));
@@ -64,9 +65,9 @@ fn far_irradiance(place: vec3f, normal: vec3f, choice: f32, disk: vec2f) -> vec3
         if left < share {
             chosen = i;
             luminance = given;
-            left /= share;
+            left = min(left / share, 0.9999999);
         } else {
-            left = (left - share) / (1.0 - share);
+            left = clamp((left - share) / (1.0 - share), 0.0, 0.9999999);
         }
     }
     if total == 0.0 {

@@ -1,6 +1,6 @@
 // Light that reaches a place from near things: paths over virtual surfaces that end at the first real one, whose radiance the
 // camera's picture tells. Light from afar enters where a path meets a virtual surface. The importing shader declares
-// `specular`, `linear_sampler` and what `far_lights`, `material` and `real_surface` need, and imports them, `bvh`, `scene_ray`,
+// `specular`, `linear_sampler` and what `far_lights`, `material` and `real_memory` need, and imports them, `bvh`, `scene_ray`,
 // `sampling`, `brdf` and `lights`.
 
 // Virtual surfaces on a path at most.
@@ -10,8 +10,12 @@ const START_M = 2e-4;
 // What a ray stands for, radians: a cosine lobe shared by the rays of a tile of 4 × 4 pixels, and a diffuse bounce.
 const RAY_RAD = 0.11;
 const BOUNCE_RAD = 0.5;
-// Light from afar in mirrors is taken from lobes at least so rough: a lamp in a mirror is met too seldom otherwise.
-const LEAST_ROUGHNESS = 0.4;
+// Light from afar in mirrors is taken from lobes at least so rough, and is no brighter than so many times what it is on
+// average around the direction: a lamp in a mirror is met by too few rays for the bright patch that it throws.
+const LEAST_ROUGHNESS = 0.2;
+const MOST_MIRRORED = 3.0;
+// Roughest mip of the specular cube.
+const LAST_MIP = 5.0;
 // Below this share of light a path ends.
 const LEAST_SHARE = 0.02;
 
@@ -26,9 +30,16 @@ fn luminance_of(rgb: vec3f) -> f32 {
     return dot(rgb, vec3f(0.2126, 0.7152, 0.0722));
 }
 
-// Radiance that arrives along a ray (unit direction) from near things. `first` is the object that it has to meet first, or
-// NOTHING for any; a: 1 where it does, and all is 0 where it meets another. `index` numbers the ray among those of its tile.
-fn near_radiance(origin: vec3f, direction: vec3f, first: u32, index: u32) -> vec4f {
+// Light from afar that a mirror of environment `slot` sends on.
+fn mirrored_radiance(slot: u32, roughness: f32, direction: vec3f) -> vec3f {
+    let around = textureSampleLevel(specular, linear_sampler, direction, slot, LAST_MIP).rgb;
+    return min(textureSampleLevel(specular, linear_sampler, direction, slot, LAST_MIP * roughness).rgb, MOST_MIRRORED * around);
+}
+
+// Radiance that arrives along a ray (unit direction) from near things, the first of which is `first`. `index` numbers the ray
+// among those of its tile.
+fn near_radiance(first: SceneHit, origin: vec3f, direction: vec3f, index: u32) -> vec3f {
+    var hit = first;
     var sum = vec3f(0.0);
     var share = vec3f(1.0);
     var place = origin;
@@ -38,22 +49,18 @@ fn near_radiance(origin: vec3f, direction: vec3f, first: u32, index: u32) -> vec
     var mirror = NOTHING;
     var roughness = 0.0;
     for (var surfaces = 0u; surfaces <= PATH_SURFACES; surfaces++) {
-        let hit = scene_hit(ALL_OBJECTS, place, along, FAR_M);
-        if surfaces == 0u && first != NOTHING && hit.object != first {
-            return vec4f(0.0);
-        }
         if hit.object == NOTHING {
             if mirror != NOTHING {
-                sum += share * textureSampleLevel(specular, linear_sampler, along, mirror, 5.0 * roughness).rgb;
+                sum += share * mirrored_radiance(mirror, roughness, along);
             }
-            return vec4f(sum, 1.0);
+            return sum;
         }
         if instances[hit.object].facts.y == PHANTOMS {
-            let real_thing = real_radiance(place + along * hit.distance_m, width_rad * hit.distance_m);
-            return vec4f(sum + share * real_thing, 1.0);
+            let real_thing = real_hit_radiance(hit, place, along, width_rad * hit.distance_m);
+            return sum + share * real_thing;
         }
         if surfaces == PATH_SURFACES {
-            return vec4f(sum, 1.0);
+            return sum;
         }
         let surface = hit_surface(hit, place, along);
         let made = substance_at(MeshPoint(
@@ -80,8 +87,9 @@ fn near_radiance(origin: vec3f, direction: vec3f, first: u32, index: u32) -> vec
             width_rad = BOUNCE_RAD;
         }
         if max(share.r, max(share.g, share.b)) < LEAST_SHARE {
-            return vec4f(sum, 1.0);
+            return sum;
         }
+        hit = scene_hit(ALL_OBJECTS, place, along, FAR_M);
     }
-    return vec4f(sum, 1.0);
+    return sum;
 }

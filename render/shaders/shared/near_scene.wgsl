@@ -10,8 +10,9 @@
 // The camera's picture as radiance, shadows of virtual objects on it, with mips.
 @group(0) @binding(11) var real: texture_2d<f32>;
 @group(0) @binding(12) var real_places: texture_2d<f32>;
-@group(0) @binding(13) var probe_radiance: texture_cube<f32>;
 // Place and normal of the surface that each pixel shows; place's w: 0 where there is none.
-@group(0) @binding(14) var places: texture_2d<f32>;
-@group(0) @binding(15) var normals: texture_2d<f32>;
-@group(0) @binding(16) var out: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(13) var places: texture_2d<f32>;
+@group(0) @binding(14) var normals: texture_2d<f32>;
+@group(0) @binding(15) var out: texture_storage_2d<rgba16float, write>;
+// Radiance per vertex of the scene, where real things are.
+@group(0) @binding(16) var<storage, read> real_memory: array<vec4f>;

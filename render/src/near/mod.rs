@@ -5,21 +5,26 @@
 //! ([`crate::scene_shadows`]) and enters here where it meets a virtual surface that sends it on.
 
 pub mod far_lights;
+pub mod parts;
 
 use glam::Vec3;
 
 use crate::camera_view::CameraView;
+use crate::environments::Environments;
 use crate::eye::EyeInputs;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuFrame;
 use crate::passes::direct::{self, ShadowedLight};
+use crate::passes::memory::{self, Memory};
 use crate::passes::near_light::{Inputs, NearLight};
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::probe::Light;
+use crate::scene_gpu::SceneBuffers;
 use far_lights::FarLights;
+use parts::Parts;
 
 /// What eyes share.
 #[derive(Debug)]
@@ -28,15 +33,42 @@ pub struct NearThings {
     pub far_lights: FarLights,
     /// Real things as the scene camera has them, without virtual shadows.
     pub unshadowed: RealRadiance,
+    /// Real surfaces that the camera does not see now.
+    pub memory: Memory,
+}
+
+/// What [`NearThings`] is made of.
+#[derive(Debug, Clone, Copy)]
+pub struct NearInputs<'a> {
+    /// The scene camera, its picture, and the phantoms in it.
+    pub view: &'a CameraView,
+    /// All objects.
+    pub scene: &'a SceneBuffers,
+    /// Light around the virtual objects.
+    pub environments: &'a Environments,
+    /// Radiance at the probe.
+    pub probe_radiance: &'a wgpu::TextureView,
 }
 
 impl NearThings {
-    /// Prepares for pictures of `view`.
+    /// Prepares for the camera's pictures of real things that hang together as `parts`.
     #[must_use]
-    pub fn new(gpu: &Gpu, view: &CameraView) -> Self {
+    pub fn new(gpu: &Gpu, inputs: NearInputs<'_>, parts: &Parts) -> Self {
+        let NearInputs { view, scene, .. } = inputs;
+        let far_lights = FarLights::new(gpu);
+        let unshadowed = RealRadiance::new(gpu, view, &black(gpu, view.size_px()));
+        let inputs = memory::Inputs {
+            view,
+            scene,
+            environments: inputs.environments,
+            unshadowed: unshadowed.radiance(),
+            probe_radiance: inputs.probe_radiance,
+            probe: far_lights.buffer(),
+        };
         Self {
-            far_lights: FarLights::new(gpu),
-            unshadowed: RealRadiance::new(gpu, view, &black(gpu, view.size_px())),
+            memory: Memory::new(gpu, inputs, parts),
+            far_lights,
+            unshadowed,
         }
     }
 
@@ -48,6 +80,7 @@ impl NearThings {
     /// Makes what eyes share of a frame's picture.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
         self.unshadowed.record(encoder, timer);
+        self.memory.record(encoder, timer);
     }
 }
 

@@ -60,10 +60,10 @@ impl NearLight {
             wgpu::BindingResource::Sampler(&linear),
             wgpu::BindingResource::TextureView(real),
             wgpu::BindingResource::TextureView(eye.view.phantoms.views().place),
-            wgpu::BindingResource::TextureView(eye.probe_radiance),
             wgpu::BindingResource::TextureView(&light.place),
             wgpu::BindingResource::TextureView(&light.normal),
             wgpu::BindingResource::TextureView(&raw),
+            eye.near.memory.remembered().as_entire_binding(),
         ]);
         resources.extend(unshadowed.map(wgpu::BindingResource::TextureView));
         let filter = Step::new(

@@ -163,7 +163,7 @@ impl Stage {
 }
 
 /// Lights and nothing else.
-fn light_of(lights: &[KeyLight]) -> Light {
+pub(crate) fn light_of(lights: &[KeyLight]) -> Light {
     let black = Cube::filled(16, Vec3::ZERO);
     Light {
         radiance: black.clone(),

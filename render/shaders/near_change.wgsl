@@ -1,6 +1,7 @@
 // What virtual objects change of the light from near things on real surfaces: the light that they send there, less that of
-// the real things that they hide. Rays go into the cone of each object's sphere, other ones in each pixel of a tile of
-// 4 × 4, which `dome_filter` puts together. Light from afar that they hide is a matter of shadows.
+// the real things that they hide. Every second pixel of every second row sends rays into the cone of each object's sphere,
+// other ones in each of a tile of 4 × 4 such pixels, which `near_filter` puts together. Light from afar that virtual objects
+// hide is a matter of shadows.
 
 #import camera
 #import lights
@@ -18,8 +19,9 @@
 // The camera's picture as radiance, without virtual shadows, with mips.
 @group(0) @binding(17) var unshadowed: texture_2d<f32>;
 
-// Rays of a pixel towards one object that is close, and form factor from which on there are as many.
-const MOST_RAYS = 4u;
+// Rays of a pixel towards one object, and form factor from which on there are most.
+const LEAST_RAYS = 2u;
+const MOST_RAYS = 8u;
 const CLOSE_SHARE = 0.15;
 // Form factor of an object's sphere below which it changes nothing, and above which its whole change counts.
 const NO_SHARE = 0.01;
@@ -69,7 +71,7 @@ fn change_by(i: u32, place: vec3f, normal: vec3f, rank: u32) -> vec3f {
     let is_wide = sine > WIDE;
     let axes = basis_around(select(normalize(to_center), normal, is_wide));
     let cosine = sqrt(max(1.0 - sine * sine, 0.0));
-    let rays = clamp(u32(f32(MOST_RAYS) * share / CLOSE_SHARE) + 1u, 1u, MOST_RAYS);
+    let rays = clamp(u32(f32(MOST_RAYS) * share / CLOSE_SHARE), LEAST_RAYS, MOST_RAYS);
     var sum = vec3f(0.0);
     for (var i_ray = 0u; i_ray < rays; i_ray++) {
         let ray = rank + 16u * i_ray;
@@ -91,18 +93,18 @@ fn change_by(i: u32, place: vec3f, normal: vec3f, rank: u32) -> vec3f {
 
 @compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= textureDimensions(places)) {
+    if any(id.xy >= textureDimensions(out)) {
         return;
     }
-    let place = textureLoad(places, id.xy, 0);
+    let place = textureLoad(places, 2u * id.xy, 0);
     var sum = vec3f(0.0);
     if place.w > 0.0 {
-        let normal = normalize(textureLoad(normals, id.xy, 0).xyz);
+        let normal = normalize(textureLoad(normals, 2u * id.xy, 0).xyz);
         for (var i = 0u; i < arrayLength(&instances); i++) {
             if instances[i].facts.y == VIRTUALS && instances[i].facts.x != NO_ROOT {
                 sum += change_by(i, place.xyz, normal, rank_in_tile(id.xy));
             }
         }
     }
-    textureStore(out, id.xy, vec4f(clamp(sum, vec3f(-60000.0), vec3f(60000.0)), 1.0));
+    textureStore(out, id.xy, vec4f(clamp(sum, vec3f(-60000.0), vec3f(60000.0)), place.w));
 }

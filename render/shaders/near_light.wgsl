@@ -16,7 +16,7 @@
 #import near_path
 
 // Rays of a pixel.
-const RAYS = 16u;
+const RAYS = 8u;
 
 @compute @workgroup_size(8, 8, 1)
 fn main(@builtin(global_invocation_id) id: vec3u) {

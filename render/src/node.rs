@@ -193,14 +193,12 @@ impl RenderNode {
         };
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
-        let parts = Parts::new(&buffers, &placements, (&occluders, probe.optics()));
-        let near_inputs = NearInputs {
-            view: &seen,
-            scene: &buffers,
-            environments: &environments,
-            probe_radiance: &pictures.radiance.view,
-        };
-        let near = NearThings::new(&gpu, near_inputs, &parts);
+        let near = near_things(
+            &gpu,
+            (&seen, &buffers, &placements),
+            (&environments, &pictures),
+            (&occluders, &probe),
+        );
         let eye = Eye::new(
             &gpu,
             EyeInputs {
@@ -447,6 +445,23 @@ impl Passes {
             local_environment,
         }
     }
+}
+
+/// What eyes share of the light between near things.
+fn near_things(
+    gpu: &Gpu,
+    (view, scene, placements): (&CameraView, &SceneBuffers, &[Affine3A]),
+    (environments, pictures): (&Environments, &Pictures),
+    (occluders, probe): (&Occluders, &LightProbe),
+) -> NearThings {
+    let parts = Parts::new(scene, placements, (occluders, probe.optics()));
+    let inputs = NearInputs {
+        view,
+        scene,
+        environments,
+        probe_radiance: &pictures.radiance.view,
+    };
+    NearThings::new(gpu, inputs, &parts)
 }
 
 /// The phantoms' triangles in the world.

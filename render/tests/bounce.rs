@@ -364,15 +364,15 @@ fn a_ball_over_the_ground_has_its_light_from_below() {
             .iter()
             .map(|(_, normal, near)| near.y / (PI * RADIANCE) - 0.5 * (1.0 - normal.z)),
     );
-    assert!(errors.mean < 0.02 && errors.n > 1000, "{errors:?}");
+    assert!(errors.mean < 0.025 && errors.n > 1000, "{errors:?}");
 }
 
 #[test]
 fn a_corner_of_two_virtual_walls_lights_itself() {
     let Some(gpu) = support::gpu() else { return };
     let albedo = 0.5;
-    let mut corner = square(Vec3::new(0.0, 0.15, 0.15), 0.3 * Vec3::X, 0.15 * Vec3::Z);
-    let floor = square(Vec3::new(0.0, 0.0, 0.002), 0.3 * Vec3::X, 0.15 * Vec3::Y);
+    let mut corner = square(Vec3::new(0.0, 0.1, 0.082), 0.2 * Vec3::X, 0.08 * Vec3::Z);
+    let floor = square(Vec3::new(0.0, 0.02, 0.002), 0.2 * Vec3::X, 0.08 * Vec3::Y);
     let first = corner.vertices.len() as u32;
     corner.vertices.extend(floor.vertices);
     corner.indices.extend(floor.indices.iter().map(|i| first + i));
@@ -388,7 +388,7 @@ fn a_corner_of_two_virtual_walls_lights_itself() {
         "light in the corner, share of the open",
         found
             .iter()
-            .filter(|(p, ..)| p.x.abs() < 0.1 && p.y > 0.14 && p.z < 0.012)
+            .filter(|(p, ..)| p.x.abs() < 0.08 && p.y > 0.093 && p.z < 0.009)
             .map(|(.., near)| near.y / (PI * RADIANCE) - deep),
     );
     assert!(errors.mean < 0.03 && errors.n > 50, "{errors:?}");

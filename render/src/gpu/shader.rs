@@ -61,6 +61,7 @@ pub const PASSES: &[(&str, &str)] = &[
     ("memory_observe", include_str!("../../shaders/memory_observe.wgsl")),
     ("memory_resolve", include_str!("../../shaders/memory_resolve.wgsl")),
     ("near_change", include_str!("../../shaders/near_change.wgsl")),
+    ("near_filter", include_str!("../../shaders/near_filter.wgsl")),
     ("near_light", include_str!("../../shaders/near_light.wgsl")),
     ("present", include_str!("../../shaders/present.wgsl")),
     ("prefilter_phong", include_str!("../../shaders/prefilter_phong.wgsl")),

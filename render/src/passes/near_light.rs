@@ -25,6 +25,8 @@ pub struct Inputs<'a> {
 pub struct NearLight {
     rays: Step,
     filter: Step,
+    /// Places that send rays, and pixels.
+    ray_size_px: [u32; 2],
     size_px: [u32; 2],
 }
 
@@ -32,20 +34,27 @@ impl NearLight {
     /// All light from near things, on virtual objects.
     #[must_use]
     pub fn light(gpu: &Gpu, inputs: Inputs<'_>) -> Self {
-        Self::with(gpu, "near_light", inputs, None)
+        let size_px = inputs.eye.view.size_px();
+        Self::with(gpu, inputs, (["near_light", "dome_filter"], size_px), None)
     }
 
     /// What virtual objects change of it on phantoms; `unshadowed` is the radiance of real things without virtual shadows.
     #[must_use]
     pub fn change(gpu: &Gpu, inputs: Inputs<'_>, unshadowed: &wgpu::TextureView) -> Self {
-        Self::with(gpu, "near_change", inputs, Some(unshadowed))
+        let size_px = inputs.eye.view.size_px().map(|size| size.div_ceil(2));
+        Self::with(gpu, inputs, (["near_change", "near_filter"], size_px), Some(unshadowed))
     }
 
-    fn with(gpu: &Gpu, name: &'static str, inputs: Inputs<'_>, unshadowed: Option<&wgpu::TextureView>) -> Self {
+    /// Passes for rays at `ray_size_px` places and for what puts them together.
+    fn with(
+        gpu: &Gpu,
+        inputs: Inputs<'_>,
+        ([rays, filter], ray_size_px): ([&'static str; 2], [u32; 2]),
+        unshadowed: Option<&wgpu::TextureView>,
+    ) -> Self {
         let Inputs { eye, light, real } = inputs;
-        let size_px = eye.view.size_px();
         let raw = gpu
-            .texture("near light: rays", TextureShape::plain(size_px), RADIANCE_FORMAT)
+            .texture("near light: rays", TextureShape::plain(ray_size_px), RADIANCE_FORMAT)
             .create_view(&wgpu::TextureViewDescriptor::default());
         let repeating = gpu.repeating_sampler();
         let linear = gpu.linear_sampler();
@@ -66,27 +75,20 @@ impl NearLight {
             eye.near.memory.remembered().as_entire_binding(),
         ]);
         resources.extend(unshadowed.map(wgpu::BindingResource::TextureView));
-        let filter = Step::new(
-            gpu,
-            "dome_filter",
-            &[
-                wgpu::BindingResource::TextureView(&light.place),
-                wgpu::BindingResource::TextureView(&light.normal),
-                wgpu::BindingResource::TextureView(&raw),
-                wgpu::BindingResource::TextureView(&light.near),
-            ],
-        );
+        let targets = [&light.place, &light.normal, &raw, &light.near].map(wgpu::BindingResource::TextureView);
         Self {
-            rays: Step::new(gpu, name, &resources),
-            filter,
-            size_px,
+            rays: Step::new(gpu, rays, &resources),
+            filter: Step::new(gpu, filter, &targets),
+            ray_size_px,
+            size_px: eye.view.size_px(),
         }
     }
 
     /// Fills the target.
     pub fn record(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
-        let [width, height] = self.size_px.map(groups);
-        self.rays.record(encoder, timer, [width, height, 1]);
-        self.filter.record(encoder, timer, [width, height, 1]);
+        for (step, size_px) in [(&self.rays, self.ray_size_px), (&self.filter, self.size_px)] {
+            let [width, height] = size_px.map(groups);
+            step.record(encoder, timer, [width, height, 1]);
+        }
     }
 }

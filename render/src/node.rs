@@ -179,18 +179,7 @@ impl RenderNode {
         let rays = SceneRays::new(&gpu, &buffers, &placements)?;
         let environments = Environments::new(&gpu, scene, &rig, &occluders);
         let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
-        let cube_size = config.probe.cube_size;
-        let pictures = Pictures {
-            probes: rig
-                .cameras
-                .iter()
-                .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(&gpu, camera)))
-                .collect(),
-            radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
-            far: CubeTexture::new(&gpu, "light: room", cube_size),
-            behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
-            strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
-        };
+        let pictures = Pictures::new(&gpu, &rig, config.probe.cube_size);
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
         let near = near_things(
@@ -413,6 +402,23 @@ pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderErr
         found,
         expected: camera.intrinsics.size_px,
     })
+}
+
+impl Pictures {
+    /// Room for the probes' pictures, and cubes of light of `cube_size` texels.
+    fn new(gpu: &Gpu, rig: &Rig, cube_size: u32) -> Self {
+        Self {
+            probes: rig
+                .cameras
+                .iter()
+                .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(gpu, camera)))
+                .collect(),
+            radiance: CubeTexture::new(gpu, "light: radiance", cube_size),
+            far: CubeTexture::new(gpu, "light: room", cube_size),
+            behind: CubeTexture::new(gpu, "light: behind the strong lights", cube_size),
+            strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
+        }
+    }
 }
 
 impl Passes {

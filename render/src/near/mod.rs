@@ -10,6 +10,7 @@ pub mod parts;
 use glam::Vec3;
 
 use crate::camera_view::CameraView;
+use crate::config::DiffuseMethod;
 use crate::environments::Environments;
 use crate::eye::EyeInputs;
 use crate::gpu::Gpu;
@@ -91,7 +92,8 @@ pub struct NearEye {
     receive: Receive,
     shadowed: RealRadiance,
     change: NearLight,
-    light: NearLight,
+    /// Unless the settings light virtual objects from maps.
+    light: Option<NearLight>,
 }
 
 impl NearEye {
@@ -117,7 +119,8 @@ impl NearEye {
         };
         Self {
             change: NearLight::change(gpu, on(on_phantoms, shadowed.radiance()), near.unshadowed.radiance()),
-            light: NearLight::light(gpu, on(on_virtuals, real.radiance())),
+            light: (inputs.light.diffuse == DiffuseMethod::Lights)
+                .then(|| NearLight::light(gpu, on(on_virtuals, real.radiance()))),
             receive,
             shadowed,
         }
@@ -137,7 +140,9 @@ impl NearEye {
 
     /// Light on virtual objects; the radiance of real ones is known.
     pub fn record_light(&self, encoder: &mut wgpu::CommandEncoder, timer: &mut Timer) {
-        self.light.record(encoder, timer);
+        if let Some(light) = &self.light {
+            light.record(encoder, timer);
+        }
     }
 }
 

@@ -10,7 +10,7 @@
 #import material
 #import seen
 #import ray_light
-#import real_surface
+#import real_memory
 #import virtual_hit
 
 // Ratio on phantoms, alpha 1 where there is one.

@@ -14,7 +14,7 @@
 #import pixel_spots
 #import seen
 #import ray_light
-#import real_surface
+#import real_memory
 #import virtual_hit
 
 // xyz: place of the virtual surface; w: 1 where there is one.

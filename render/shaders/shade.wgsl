@@ -201,7 +201,9 @@ fn irradiance_on(corner: Corner, made: Substance, to_eye: vec3f) -> vec3f {
     }
     // Lights that are nowhere else: no environment holds a lamp.
     if DIFFUSE == 0u {
-        let around = near_irradiance(slot, made.normal) + textureLoad(light_near, lit.at, 0).rgb + textureLoad(light_with, lit.at, 0).rgb;
+        // Harmonics stand in where no pixel has followed the light from near things: a thing too thin for one.
+        let near = textureLoad(light_near, lit.at, 0);
+        let around = select(near_irradiance(slot, made.normal), near.rgb, near.a > 0.0) + textureLoad(light_with, lit.at, 0).rgb;
         return made.occlusion * around + textureLoad(light_lamps, lit.at, 0).rgb;
     }
     let around = mapped_irradiance(slot, made.normal, to_eye) * share_past_virtual(lit.at);

@@ -15,6 +15,7 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::gpu::types::GpuNoise;
 use crate::mode::Surround;
+use crate::near::{NearEye, NearThings};
 use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
@@ -89,6 +90,8 @@ pub struct Eye {
     pub shadows: EyeShadows,
     /// Light of virtual lamps on either.
     pub lamps: [LampLight; 2],
+    /// Light that near things throw on each other.
+    pub near: NearEye,
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
     /// Light of virtual lamps on real things.
@@ -121,6 +124,8 @@ pub struct EyeInputs<'a> {
     pub environments: &'a Environments,
     /// Radiance at the probe.
     pub probe_radiance: &'a wgpu::TextureView,
+    /// What eyes share of the light between near things.
+    pub near: &'a NearThings,
     /// The shadows that eyes share.
     pub shadows: &'a SceneShadows,
     /// How light reaches the objects.
@@ -161,7 +166,7 @@ impl Eye {
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
             .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
-        let real = RealRadiance::new(gpu, view, &receive);
+        let real = RealRadiance::new(gpu, view, [receive.ratio(), receive.added()]);
         let traced = Traced::new(gpu, EyeInputs { view, ..inputs }, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
@@ -193,6 +198,7 @@ impl Eye {
         Ok(Self {
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
+            near: NearEye::new(gpu, EyeInputs { view, ..inputs }, &light_on, &real),
             real,
             traced,
             finish,

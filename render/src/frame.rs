@@ -153,6 +153,7 @@ impl RenderNode {
         );
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
+        self.near.upload(gpu, light, self.probe.optics().position_m());
     }
 
     /// Every pass of the picture, in order.
@@ -179,6 +180,7 @@ impl RenderNode {
                 own.record(&mut surfaces, timer, scene);
             }
             eye.virtuals.record(&mut surfaces, timer, (scene, &scene.virtuals));
+            eye.near.write(gpu, &of_frame);
             eye.receive.write(gpu, &of_frame);
             eye.traced.write(gpu, &of_rays);
         }
@@ -196,6 +198,7 @@ impl RenderNode {
         passes.room_mips.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);
         passes.irradiance.record(&mut encoder, timer);
+        self.near.record(&mut encoder, timer);
         for eye in &mut self.eyes {
             let eye_from_world = eye.from_world(camera_from_world);
             let job = (&mut eye.shadows, &shadow_frame, &eye_from_world);
@@ -203,9 +206,11 @@ impl RenderNode {
             for lamps in &eye.lamps {
                 lamps.record(&mut encoder, timer);
             }
+            eye.near.record_change(&mut encoder, timer);
             eye.receive.record(&mut encoder, timer);
             eye.lamp_receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
+            eye.near.record_light(&mut encoder, timer);
             eye.traced.record(&mut encoder, timer, scene);
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());

@@ -11,6 +11,7 @@
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
 //! - [`scene`]: virtual objects and phantoms;
 //! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
+//! - [`near`]: light that near things throw on each other;
 //! - [`shadow`]: every way to draw a shadow; [`scene_shadows`]: any of them in the camera's picture; [`lab`]: all of them on
 //!   one scene without cameras, to be compared;
 //! - [`output`]: files and window.
@@ -43,6 +44,7 @@ pub mod light_tree;
 pub mod look;
 pub mod measure;
 pub mod mode;
+pub mod near;
 pub mod node;
 pub mod output;
 pub mod passes;

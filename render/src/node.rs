@@ -20,6 +20,8 @@ use crate::light_maps::LightMaps;
 use crate::look::sharpness::{Estimate, Sharpness};
 use crate::measure::BlindView;
 use crate::mode::Mode;
+use crate::near::parts::Parts;
+use crate::near::{NearInputs, NearThings};
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
@@ -131,6 +133,8 @@ pub struct RenderNode {
     pub(crate) passes: Passes,
     /// What the scene camera sees.
     pub(crate) seen: CameraView,
+    /// What eyes share of the light between near things.
+    pub(crate) near: NearThings,
     /// The pictures that are made, left to right.
     pub(crate) eyes: Vec<Eye>,
     /// Buffers that the picture shows.
@@ -191,20 +195,15 @@ impl RenderNode {
         let rays = SceneRays::new(&gpu, &buffers, &placements)?;
         let environments = Environments::new(&gpu, scene, &rig, &occluders);
         let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
-        let cube_size = config.probe.cube_size;
-        let pictures = Pictures {
-            probes: rig
-                .cameras
-                .iter()
-                .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(&gpu, camera)))
-                .collect(),
-            radiance: CubeTexture::new(&gpu, "light: radiance", cube_size),
-            far: CubeTexture::new(&gpu, "light: room", cube_size),
-            behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
-            strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
-        };
+        let pictures = Pictures::new(&gpu, &rig, config.probe.cube_size);
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
         let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
+        let near = near_things(
+            &gpu,
+            (&seen, &buffers, &placements),
+            (&environments, &pictures),
+            (&occluders, &probe),
+        );
         let room = room_buffer(&gpu, config.probe.room_distance_m);
         let eye_inputs = EyeInputs {
             view: &seen,
@@ -212,6 +211,7 @@ impl RenderNode {
             rays: &rays,
             environments: &environments,
             probe_radiance: &pictures.radiance.view,
+            near: &near,
             shadows: &shadows,
             light: config.light,
             mode: &config.mode,
@@ -244,6 +244,7 @@ impl RenderNode {
             pictures,
             passes,
             seen,
+            near,
             eyes,
             insets: Insets::default(),
             room,
@@ -485,6 +486,23 @@ pub(crate) fn check_size(frame: &Frame, camera: &Camera) -> Result<(), RenderErr
     })
 }
 
+impl Pictures {
+    /// Room for the probes' pictures, and cubes of light of `cube_size` texels.
+    fn new(gpu: &Gpu, rig: &Rig, cube_size: u32) -> Self {
+        Self {
+            probes: rig
+                .cameras
+                .iter()
+                .map(|camera| (camera.role != Role::Scene).then(|| PictureBuffers::new(gpu, camera)))
+                .collect(),
+            radiance: CubeTexture::new(gpu, "light: radiance", cube_size),
+            far: CubeTexture::new(gpu, "light: room", cube_size),
+            behind: CubeTexture::new(gpu, "light: behind the strong lights", cube_size),
+            strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
+        }
+    }
+}
+
 impl Passes {
     fn new(
         gpu: &Gpu,
@@ -516,6 +534,23 @@ impl Passes {
             local_environment,
         }
     }
+}
+
+/// What eyes share of the light between near things.
+fn near_things(
+    gpu: &Gpu,
+    (view, scene, placements): (&CameraView, &SceneBuffers, &[Affine3A]),
+    (environments, pictures): (&Environments, &Pictures),
+    (occluders, probe): (&Occluders, &LightProbe),
+) -> NearThings {
+    let parts = Parts::new(scene, placements, (occluders, probe.optics()));
+    let inputs = NearInputs {
+        view,
+        scene,
+        environments,
+        probe_radiance: &pictures.radiance.view,
+    };
+    NearThings::new(gpu, inputs, &parts)
 }
 
 /// The phantoms' triangles in the world.

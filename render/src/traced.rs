@@ -51,7 +51,7 @@ impl Traced {
             scene: inputs.scene,
             environments: inputs.environments,
             real: real.radiance(),
-            probe_radiance: inputs.probe_radiance,
+            memory: inputs.near.memory.remembered(),
             probe: &probe,
         };
         let reflect = (inputs.light.specular == SpecularMethod::Rays)

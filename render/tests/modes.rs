@@ -370,7 +370,7 @@ fn a_display_that_one_looks_through_adds_light_and_takes_none_away() {
         0 => Vec4::new(0.5, 0.25, 1.0, 0.5),
         _ => Vec4::ZERO,
     }));
-    let real = RealRadiance::new(gpu, &view, &stage.receive);
+    let real = RealRadiance::new(gpu, &view, [stage.receive.ratio(), stage.receive.added()]);
     support::write_texture(gpu, real.radiance().texture(), &reals);
     support::write_texture(gpu, stage.receive.ratio().texture(), &ratios);
     support::write_texture(gpu, stage.shade.radiance().texture(), &overs);

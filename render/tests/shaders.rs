@@ -10,11 +10,12 @@ use mirrorball_render::gpu::types::{
     GpuProbe, GpuTurn, MAX_ENVIRONMENTS,
 };
 use mirrorball_render::light_tree::LEVELS;
+use mirrorball_render::near::far_lights::{GpuFarLight, GpuFarLights};
 use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::inset::GpuTile;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
-use mirrorball_render::passes::ray_light::GpuLightProbe;
 use mirrorball_render::passes::lamp_light::{GpuLamp, GpuLamps};
+use mirrorball_render::passes::ray_light::GpuLightProbe;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
 use mirrorball_render::scene_rays::GpuInstance;
 use mirrorball_render::shadow::attenuation::{GpuAttenuationFrame, GpuLightPlace};
@@ -192,6 +193,19 @@ fn shared_structs_have_one_layout() {
             sphere_m,
             facts
         }
+    );
+}
+
+#[test]
+fn structs_of_near_light_have_one_layout() {
+    for pass in ["near_light", "near_change"] {
+        assert_same_layout!(pass, "FarLight", GpuFarLight { position_m, intensity });
+        assert_same_layout!(pass, "FarLights", GpuFarLights { position_m, lights });
+    }
+    let lights = format!("array<FarLight, {MAX_DOME_LIGHTS}>");
+    assert!(
+        source("near_light").contains(&lights),
+        "far_lights.wgsl lacks `{lights}`"
     );
 }
 

@@ -1,5 +1,5 @@
 // Light along rays through real and virtual things: bindings 0 to 15 of group 0 (src/passes/ray_light.rs). World frame,
-// metres. Needs `bvh`, `scene_ray`, `camera`, `lights`, `sh`, `brdf`, `material`, `seen`, `real_surface` and `virtual_hit`.
+// metres. Needs `bvh`, `scene_ray`, `camera`, `lights`, `sh`, `brdf`, `material`, `seen`, `real_memory` and `virtual_hit`.
 
 // Where the light was measured, and the mirror ball.
 struct LightProbe {
@@ -22,7 +22,8 @@ struct LightProbe {
 @group(0) @binding(10) var real: texture_2d<f32>;
 // Places of the phantoms that it sees; w: 0 where there is none.
 @group(0) @binding(11) var real_places: texture_2d<f32>;
-@group(0) @binding(12) var probe_radiance: texture_cube<f32>;
+// Radiance per vertex of the scene, where real things are.
+@group(0) @binding(12) var<storage, read> real_memory: array<vec4f>;
 
 // A line, or a cone around it that stands for many.
 struct Beam {
@@ -130,7 +131,7 @@ fn light_along(start: Beam, slot: u32) -> vec3f {
         let place = beam.origin + beam.direction * hit.distance_m;
         if (instances[hit.object].facts.y & PHANTOMS) != 0u {
             if !is_on_ball(place) {
-                return sum + share * real_radiance(place, beam.width_m + beam.spread * hit.distance_m);
+                return sum + share * real_hit_radiance(hit, beam.origin, beam.direction, beam.width_m + beam.spread * hit.distance_m);
             }
             beam = mirrored(beam, hit.distance_m, place, normalize(place - probe.ball_m.xyz), probe.ball_m.w);
             share *= probe.ball_reflectance.rgb;

@@ -64,6 +64,21 @@ impl ShadowedLight {
     }
 }
 
+impl ShadowedLight {
+    /// The same with other light from near things.
+    #[must_use]
+    pub fn with_near(&self, near: &wgpu::TextureView) -> Self {
+        Self {
+            without: self.without.clone(),
+            with_virtual: self.with_virtual.clone(),
+            lamps: self.lamps.clone(),
+            near: near.clone(),
+            place: self.place.clone(),
+            normal: self.normal.clone(),
+        }
+    }
+}
+
 /// Bindings 0 to 7, in order.
 #[must_use]
 pub fn resources(inputs: Inputs<'_>) -> Vec<wgpu::BindingResource<'_>> {

@@ -18,6 +18,8 @@ pub mod lens_surface;
 pub(crate) mod lobe_sum;
 pub mod local_environment;
 pub mod look_blur;
+pub mod memory;
+pub mod near_light;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod radiance_map;

@@ -34,8 +34,8 @@ pub struct Inputs<'a> {
     pub environments: &'a Environments,
     /// Real things as radiance, with mips.
     pub real: &'a wgpu::TextureView,
-    /// Radiance at the probe.
-    pub probe_radiance: &'a wgpu::TextureView,
+    /// Radiance of real things per vertex of the scene, for what the camera does not see.
+    pub memory: &'a wgpu::Buffer,
     /// [`GpuLightProbe`], uniform.
     pub probe: &'a wgpu::Buffer,
 }
@@ -77,7 +77,7 @@ pub fn pass(
         wgpu::BindingResource::TextureView(&inputs.environments.room_view),
         wgpu::BindingResource::TextureView(inputs.real),
         wgpu::BindingResource::TextureView(inputs.view.phantoms.views().place),
-        wgpu::BindingResource::TextureView(inputs.probe_radiance),
+        inputs.memory.as_entire_binding(),
     ]);
     resources.extend_from_slice(others);
     RayPass {

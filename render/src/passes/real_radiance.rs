@@ -5,7 +5,6 @@ use crate::camera_view::CameraView;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
-use crate::passes::receive::Receive;
 
 /// Mips of the picture.
 pub const REAL_MIPS: u32 = 6;
@@ -22,9 +21,10 @@ pub struct RealRadiance {
 }
 
 impl RealRadiance {
-    /// A pass for the pictures of `view`, dimmed and lit as `receive` says.
+    /// A pass for the pictures of `view`, times `ratio` where its alpha is 1, plus the radiance `added` (both as
+    /// [`crate::passes::receive`] has them).
     #[must_use]
-    pub fn new(gpu: &Gpu, view: &CameraView, receive: &Receive) -> Self {
+    pub fn new(gpu: &Gpu, view: &CameraView, [ratio, added]: [&wgpu::TextureView; 2]) -> Self {
         let size_px = view.size_px();
         let shape = TextureShape {
             mips: REAL_MIPS.min(size_px[0].min(size_px[1]).max(1).ilog2() + 1),
@@ -47,8 +47,8 @@ impl RealRadiance {
                 view.camera.as_entire_binding(),
                 view.picture.response.as_entire_binding(),
                 wgpu::BindingResource::TextureView(&view.picture.view),
-                wgpu::BindingResource::TextureView(receive.ratio()),
-                wgpu::BindingResource::TextureView(receive.added()),
+                wgpu::BindingResource::TextureView(ratio),
+                wgpu::BindingResource::TextureView(added),
                 wgpu::BindingResource::TextureView(&mip(0)),
             ],
         )];

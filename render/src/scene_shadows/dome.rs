@@ -144,7 +144,7 @@ fn upward(lights: &[KeyLight]) -> Vec3 {
 }
 
 /// A measured light as one of a dome.
-pub(super) fn dome_light(light: &KeyLight, probe_m: Vec3) -> DomeLight {
+pub(crate) fn dome_light(light: &KeyLight, probe_m: Vec3) -> DomeLight {
     let distance_m = light.distance_m.min(FARTHEST_LIGHT_M);
     DomeLight {
         position_m: probe_m + light.direction * distance_m,

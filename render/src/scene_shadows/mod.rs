@@ -23,6 +23,7 @@ use crate::scene_gpu::SceneBuffers;
 use crate::shadow::casters::Casters;
 use crate::shadow::shadow_view::{Sphere, enclosing};
 use crate::shadow::{Family, ShadowMethod};
+pub(crate) use dome::dome_light;
 use dome::{DomeShadows, SharedMaps};
 use key::KeyShadows;
 use path::PathShadows;

@@ -177,7 +177,7 @@ fn nothing(gpu: &Gpu) -> wgpu::TextureView {
 }
 
 /// Lights and nothing else.
-fn light_of(lights: &[KeyLight]) -> Light {
+pub(crate) fn light_of(lights: &[KeyLight]) -> Light {
     let black = Cube::filled(16, Vec3::ZERO);
     Light {
         radiance: black.clone(),

@@ -2,6 +2,7 @@
 
 use crate::gpu::Gpu;
 use crate::gpu::timer::{Ends, Timer};
+use crate::scene_materials::SceneMaterials;
 
 /// A compute pass that is bound once and recorded every frame.
 #[derive(Debug)]
@@ -9,6 +10,8 @@ pub(crate) struct Step {
     name: &'static str,
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
+    /// Group 1, of passes that ask for what objects are made of.
+    materials: Option<wgpu::BindGroup>,
 }
 
 impl Step {
@@ -36,6 +39,16 @@ impl Step {
             name,
             pipeline,
             bindings,
+            materials: None,
+        }
+    }
+
+    /// The pass, which asks for what objects are made of.
+    pub(crate) fn with_materials(self, gpu: &Gpu, materials: &SceneMaterials) -> Self {
+        let layout = self.pipeline.get_bind_group_layout(1);
+        Self {
+            materials: Some(materials.bind_shape(gpu, &layout)),
+            ..self
         }
     }
 
@@ -48,6 +61,9 @@ impl Step {
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bindings, &[]);
+        if let Some(materials) = &self.materials {
+            pass.set_bind_group(1, materials, &[]);
+        }
         pass.dispatch_workgroups(x, y, z);
     }
 }

@@ -3,7 +3,7 @@
 
 @group(0) @binding(0) var places: texture_2d<f32>;
 @group(0) @binding(1) var gloss: texture_2d<f32>;
-@group(0) @binding(2) var shapes: texture_2d<f32>;
+@group(0) @binding(2) var meshes: texture_2d<f32>;
 @group(0) @binding(3) var reflected: texture_2d<f32>;
 @group(0) @binding(4) var filtered: texture_storage_2d<rgba16float, write>;
 
@@ -23,7 +23,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         textureStore(filtered, id.xy, here);
         return;
     }
-    let object = textureLoad(shapes, id.xy, 0).w;
+    let object = textureLoad(meshes, id.xy, 0).w;
     // Normals may differ by one and a half times the slope at which half the facets are steeper.
     let steepest = 1.5 * substance.w * substance.w;
     let least_cosine = inverseSqrt(1.0 + steepest * steepest);
@@ -36,7 +36,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
                 continue;
             }
             let there = textureLoad(gloss, at, 0);
-            let is_other = textureLoad(shapes, at, 0).w != object || dot(there.xyz, substance.xyz) < least_cosine;
+            let is_other = textureLoad(meshes, at, 0).w != object || dot(there.xyz, substance.xyz) < least_cosine;
             if is_other || abs(there.w - substance.w) > 0.1 {
                 continue;
             }

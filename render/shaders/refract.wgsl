@@ -20,7 +20,7 @@
 // xyz: normal of the substance; w: perceptual roughness.
 @group(0) @binding(14) var gloss: texture_2d<f32>;
 // xyz: normal of the mesh; w: index of the object, from 1.
-@group(0) @binding(15) var shapes: texture_2d<f32>;
+@group(0) @binding(15) var meshes: texture_2d<f32>;
 // x: share of the light that enters and goes through; y: index of refraction.
 @group(0) @binding(16) var glass: texture_2d<f32>;
 @group(0) @binding(17) var out: texture_storage_2d<rgba16float, write>;
@@ -69,7 +69,7 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
     var sum = vec3f(0.0);
     if place.w > 0.0 && made.x > 0.0 {
         let substance = textureLoad(gloss, at.xy, 0);
-        let mesh = textureLoad(shapes, at.xy, 0);
+        let mesh = textureLoad(meshes, at.xy, 0);
         let object = u32(mesh.w + 0.5) - 1u;
         let here = Spot(place.xyz, substance.xyz);
         let shape = pixel_shape(vec2i(at.xy), here);

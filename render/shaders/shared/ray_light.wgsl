@@ -151,8 +151,8 @@ fn light_along(start: Beam, slot: u32) -> vec3f {
             return sum;
         }
         beam = mirrored(beam, hit.distance_m, met.place, met.normal, FAR_M);
-        // The width of a GGX lobe around the mirrored direction: half the light lies within atan alpha of the half vector.
-        beam.spread += 2.0 * met.roughness * met.roughness;
+        // The width of a GGX lobe: half of its facets are turned by less than atan alpha, the light by twice that, to all sides.
+        beam.spread += 4.0 * met.roughness * met.roughness;
     }
     return sum + share * room_light(around, beam);
 }

@@ -193,6 +193,19 @@ pub struct ShadowConfig {
     /// How shadows are drawn.
     #[serde(deserialize_with = "shadow_method")]
     pub method: ShadowMethod,
+    /// Whether shadows of real things without phantom are looked for in the picture.
+    pub protection: Protection,
+}
+
+/// Where virtual objects take no light a second time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Protection {
+    /// In the shadows of phantoms alone.
+    Off,
+    /// In shadows found in the picture as well ([`crate::passes::protect`]); with methods that count the rays of bright
+    /// lights, `stable` and `dome-improved`.
+    Found,
 }
 
 impl Default for ShadowConfig {
@@ -202,6 +215,7 @@ impl Default for ShadowConfig {
             bright_lights: 16,
             map_size: 256,
             method: ShadowMethod::Stable,
+            protection: Protection::Found,
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Video see-through has one eye, the scene camera itself.
 
 use crate::camera_view::CameraView;
-use crate::config::LightConfig;
+use crate::config::{LightConfig, Protection};
 use crate::environments::Environments;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
@@ -11,6 +11,7 @@ use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
 use crate::passes::lens_surface::LensSurface;
+use crate::passes::protect::{BrightLight, Protect};
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
@@ -27,6 +28,10 @@ pub struct Eye {
     pub light_on: [ShadowedLight; 2],
     /// Light from afar, past all shadows.
     pub shadows: EyeShadows,
+    /// Bright lights on the phantoms, by themselves.
+    pub bright: BrightLight,
+    /// Finds shadows of real things that the scene does not know, if asked to.
+    pub protect: Option<Protect>,
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
     /// Real things as radiance, shadows of the virtual ones on them.
@@ -56,6 +61,8 @@ pub struct EyeInputs<'a> {
     pub shadows: &'a SceneShadows,
     /// How light reaches the objects.
     pub light: LightConfig,
+    /// Whether unknown shadows are looked for.
+    pub protection: Protection,
 }
 
 impl Eye {
@@ -74,9 +81,12 @@ impl Eye {
         let size_px = view.size_px();
         let virtuals = LensSurface::new(gpu, "lens_surface: virtual objects", (&view.camera, scene), size_px);
         let light_on = [&view.phantoms, &virtuals].map(|surface| ShadowedLight::new(gpu, surface.views()));
+        let bright = BrightLight::new(gpu, size_px);
+        let is_protected = inputs.protection == Protection::Found;
         let surfaces = EyeSurfaces {
             surfaces: [&view.phantoms, &virtuals],
             targets: &light_on,
+            bright: is_protected.then_some(&bright),
         };
         let eye_shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         let direct = |light| direct::Inputs {
@@ -85,7 +95,8 @@ impl Eye {
             environments,
             light,
         };
-        let receive = Receive::new(gpu, direct(&light_on[0]), size_px);
+        let receive = Receive::new(gpu, direct(&light_on[0]), &bright, size_px);
+        let protect = is_protected.then(|| Protect::new(gpu, direct(&light_on[0]), (view, receive.frame()), &bright));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
@@ -98,6 +109,8 @@ impl Eye {
             shadows: eye_shadows,
             virtuals,
             light_on,
+            bright,
+            protect,
             receive,
             shade,
         })
@@ -116,7 +129,9 @@ impl Eye {
         let surfaces = EyeSurfaces {
             surfaces: [&view.phantoms, &self.virtuals],
             targets: &self.light_on,
+            bright: self.protect.as_ref().map(|_| &self.bright),
         };
+        self.bright.clear(gpu);
         self.shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         Ok(())
     }

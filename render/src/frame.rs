@@ -134,6 +134,9 @@ impl RenderNode {
         for eye in &mut self.eyes {
             let job = (&mut eye.shadows, &shadow_frame, camera_from_world);
             self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
+            if let Some(protect) = &eye.protect {
+                protect.record(&mut encoder, timer);
+            }
             eye.receive.record(&mut encoder, timer);
             eye.real.record(&mut encoder, timer);
             eye.depth.record(&mut encoder, timer, scene);

@@ -199,6 +199,7 @@ impl RenderNode {
                 probe_radiance: &pictures.radiance.view,
                 shadows: &shadows,
                 light: config.light,
+                protection: config.shadow.protection,
             },
         )?;
         Ok(Self {

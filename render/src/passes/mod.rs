@@ -14,6 +14,7 @@ pub(crate) mod lobe_sum;
 pub mod local_environment;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
+pub mod protect;
 pub mod radiance_map;
 pub mod real_radiance;
 pub mod receive;

@@ -12,19 +12,22 @@
 // A light that gives less than this share takes no more from a surface than its own pattern does.
 const LEAST_SHARE: f32 = 0.4;
 // Standard deviation of a surface's pattern and of the predicted light's error in logarithms: of brightness, and of colour,
-// which both change less.
+// which both change less. A shadow may be darker: what throws it takes some of the soft light as well.
 const BRIGHTNESS_SIGMA: f32 = 0.15;
+const DARKER_SIGMA: f32 = 0.35;
 const COLOR_SIGMA: f32 = 0.07;
 // Belief in unknown shadows before looking, against none; and places that must speak for it, whatever the others say.
 const PRIOR: f32 = 0.5;
-const LEAST_SUPPORT: f32 = 1.5;
+const LEAST_SUPPORT: f32 = 1.0;
+// Less belief is none.
+const LEAST_BELIEF: f32 = 0.05;
 
-// How alike two reflectances are whose logarithms differ so, 1 for the same.
-fn likeness(difference: vec3f) -> f32 {
+// How alike two reflectances are whose logarithms differ so, 1 for the same; `darker_sigma` is for a positive difference.
+fn likeness(difference: vec3f, darker_sigma: f32) -> f32 {
     let brightness = dot(difference, vec3f(1.0 / 3.0));
     let color = difference - brightness;
-    return exp(-0.5 * (brightness * brightness / (BRIGHTNESS_SIGMA * BRIGHTNESS_SIGMA)
-        + dot(color, color) / (COLOR_SIGMA * COLOR_SIGMA)));
+    let in_sigmas = brightness / select(BRIGHTNESS_SIGMA, darker_sigma, brightness > 0.0);
+    return exp(-0.5 * (in_sigmas * in_sigmas + dot(color, color) / (COLOR_SIGMA * COLOR_SIGMA)));
 }
 
 fn verdict(cell: Cell) -> vec4f {
@@ -40,18 +43,21 @@ fn verdict(cell: Cell) -> vec4f {
         for (var x = grid.z / 2u; x < grid.x; x += grid.z) {
             let other = cells[y * grid.x + x];
             if other.log_reflectance.w == 0.0
-                || !is_same_plane(cell.place.xyz, cell.normal.xyz, other.place.xyz, other.normal.xyz) {
+                || !is_same_plane(cell.place_m.xyz, cell.normal.xyz, other.place_m.xyz, other.normal.xyz) {
                 continue;
             }
             let difference = other.log_reflectance.xyz - cell.log_reflectance.xyz;
-            as_seen += likeness(difference);
-            let support = likeness(difference + log_left);
+            as_seen += likeness(difference, BRIGHTNESS_SIGMA);
+            let support = likeness(difference + log_left, DARKER_SIGMA);
             as_shaded += support;
             reference += support * other.log_reflectance.xyz;
         }
     }
-    let believed = PRIOR * as_shaded;
-    return vec4f(reference / max(as_shaded, 1e-9), believed / (believed + as_seen + LEAST_SUPPORT));
+    let belief = PRIOR * as_shaded / (PRIOR * as_shaded + as_seen + LEAST_SUPPORT);
+    if belief < LEAST_BELIEF {
+        return vec4f(0.0);
+    }
+    return vec4f(reference / as_shaded, belief);
 }
 
 @compute @workgroup_size(64, 1, 1)

@@ -228,6 +228,18 @@ pub struct ViewConfig {
     pub near_m: f32,
     /// Farthest distance drawn, metres, above `near_m`.
     pub far_m: f32,
+    /// Where phantoms end before virtual objects.
+    pub phantom_edges: PhantomEdges,
+}
+
+/// What tells where a real thing before a virtual object ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhantomEdges {
+    /// Its mesh alone.
+    Mesh,
+    /// The picture, where it shows an edge within two pixels of the mesh's ([`crate::passes::phantom_edge`]).
+    Picture,
 }
 
 impl Default for ViewConfig {
@@ -235,6 +247,7 @@ impl Default for ViewConfig {
         Self {
             near_m: 0.02,
             far_m: 20.0,
+            phantom_edges: PhantomEdges::Picture,
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Video see-through has one eye, the scene camera itself.
 
 use crate::camera_view::CameraView;
-use crate::config::{LightConfig, Protection};
+use crate::config::{LightConfig, PhantomEdges, Protection};
 use crate::environments::Environments;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
@@ -11,6 +11,7 @@ use crate::passes::camera_depth::CameraDepth;
 use crate::passes::composite::Composite;
 use crate::passes::direct::{self, ShadowedLight};
 use crate::passes::lens_surface::LensSurface;
+use crate::passes::phantom_edge::PhantomEdge;
 use crate::passes::protect::{BrightLight, Protect};
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
@@ -40,6 +41,8 @@ pub struct Eye {
     pub depth: CameraDepth,
     /// Virtual objects as radiance.
     pub shade: Shade,
+    /// Puts the edges of phantoms before virtual objects where the picture has them, if asked to.
+    pub edges: Option<PhantomEdge>,
     /// The finished picture.
     pub composite: Composite,
 }
@@ -63,6 +66,8 @@ pub struct EyeInputs<'a> {
     pub light: LightConfig,
     /// Whether unknown shadows are looked for.
     pub protection: Protection,
+    /// Where phantoms end.
+    pub phantom_edges: PhantomEdges,
 }
 
 impl Eye {
@@ -102,7 +107,12 @@ impl Eye {
             light: inputs.light,
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
+        let edges = match inputs.phantom_edges {
+            PhantomEdges::Mesh => None,
+            PhantomEdges::Picture => Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance())),
+        };
         Ok(Self {
+            edges,
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             real: RealRadiance::new(gpu, view, receive.ratio()),
             composite: Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px),

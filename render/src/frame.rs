@@ -141,6 +141,9 @@ impl RenderNode {
             eye.real.record(&mut encoder, timer);
             eye.depth.record(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
+            if let Some(edges) = &eye.edges {
+                edges.record(&mut encoder, timer);
+            }
             eye.composite.record(&mut encoder, timer);
         }
         timer.record(&mut encoder);

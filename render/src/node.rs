@@ -200,6 +200,7 @@ impl RenderNode {
                 shadows: &shadows,
                 light: config.light,
                 protection: config.shadow.protection,
+                phantom_edges: config.view.phantom_edges,
             },
         )?;
         Ok(Self {

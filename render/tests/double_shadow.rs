@@ -4,12 +4,16 @@
 
 mod support;
 
-use glam::{Affine3A, DVec2, DVec3, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec3, Vec4};
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::rig::Rig;
 use mirrorball_capture::frame::{Frame, FrameSet};
-use mirrorball_render::config::{Protection, RenderConfig};
+use mirrorball_render::config::{PhantomEdges, Protection, RenderConfig};
+use mirrorball_render::gpu::Gpu;
+use mirrorball_render::gpu::readback::Readback;
 use mirrorball_render::node::RenderNode;
+use mirrorball_render::passes::protect::GpuCell;
+use mirrorball_render::reference::protect::verdict;
 use mirrorball_render::scene::occluders::Occluders;
 use mirrorball_render::scene::{Kind, Mesh, Scene};
 use mirrorball_render::shadow::path::environment::Environment;
@@ -63,18 +67,33 @@ fn block(middle: Vec3, half: Vec3) -> Mesh {
 }
 
 /// What a scene is made of.
-fn ground() -> (&'static str, Kind, Mesh) {
+type Thing = (&'static str, Kind, Mesh);
+
+fn ground() -> Thing {
     ("ground", Kind::Phantom, support::square(Vec3::ZERO, Vec3::X, Vec3::Y))
 }
 
-fn real_box() -> (&'static str, Kind, Mesh) {
-    let mesh = block(Vec3::new(-0.125, 0.145, 0.035), Vec3::new(0.025, 0.025, 0.035));
-    ("box", Kind::Phantom, mesh)
+fn real_box() -> Thing {
+    box_at(Vec3::new(-0.125, 0.145, 0.035))
 }
 
-/// One slab over the box's shadow, one over a marker.
-fn slabs() -> [(&'static str, Kind, Mesh); 2] {
-    let slab = |middle| block(middle, Vec3::new(0.03, 0.03, 0.008));
+fn box_at(middle: Vec3) -> Thing {
+    ("box", Kind::Phantom, block(middle, Vec3::new(0.025, 0.025, 0.035)))
+}
+
+/// A block that the box hides a part of.
+fn block_behind() -> Thing {
+    let mesh = block(Vec3::new(-0.11, 0.23, 0.045), Vec3::new(0.06, 0.02, 0.045));
+    ("block", Kind::Virtual, mesh)
+}
+
+/// One slab over the box's shadow, one over a marker; black, as the light that they would scatter is another question.
+fn slabs() -> [Thing; 2] {
+    let slab = |middle| {
+        let mut mesh = block(middle, Vec3::new(0.03, 0.03, 0.008));
+        mesh.materials = vec![support::diffuse(0.02)];
+        mesh
+    };
     [
         ("slab", Kind::Virtual, slab(Vec3::new(-0.125, 0.145, 0.095))),
         (
@@ -90,10 +109,14 @@ fn everything() -> Scene {
     support::scene([ground(), real_box()].into_iter().chain(slabs()))
 }
 
-/// Photographs by the path tracer: without the slabs, and with them.
+/// Photographs by the path tracer.
 struct Photographs {
+    /// Without virtual objects.
     before: Frame,
+    /// With the slabs.
     truth: Frame,
+    /// With the block behind the box.
+    block: Frame,
 }
 
 fn photographs() -> Option<&'static Photographs> {
@@ -125,6 +148,7 @@ fn photographs() -> Option<&'static Photographs> {
             Some(Photographs {
                 before: take(&support::scene([ground(), real_box()])),
                 truth: take(&everything()),
+                block: take(&support::scene([ground(), real_box(), block_behind()])),
             })
         })
         .as_ref()
@@ -173,23 +197,34 @@ fn triangles(scene: &Scene, kind: Kind) -> Vec<[Vec3; 3]> {
         .collect()
 }
 
-/// The slabs in the photograph by the renderer that knows `phantoms`.
-fn composite(phantoms: &[(&'static str, Kind, Mesh)], protection: Protection) -> Option<Vec<u8>> {
-    let rig = rig();
+/// Settings for the light's cube.
+fn config() -> RenderConfig {
     let mut config = RenderConfig::default();
     config.probe.cube_size = CUBE;
+    config
+}
+
+/// The slabs in the photograph by the renderer that knows `phantoms`.
+fn composite(phantoms: &[Thing], protection: Protection) -> Option<Vec<u8>> {
+    let mut config = config();
     config.shadow.protection = protection;
     let scene = support::scene(phantoms.iter().cloned().chain(slabs()));
-    let mut node = RenderNode::new(support::gpu()?, rig.clone(), &scene, config)
+    rendered(&scene, config)
+}
+
+/// The virtual objects of `scene` in the photograph.
+fn rendered(scene: &Scene, config: RenderConfig) -> Option<Vec<u8>> {
+    let rig = rig();
+    let mut node = RenderNode::new(support::gpu()?, rig.clone(), scene, config)
         .unwrap()
         .with_light(light().0);
     let probe = support::frame(rig.probe_camera().unwrap(), 3, 1, |_| DVec3::splat(1.0));
     let frames = vec![photographs()?.before.clone(), probe];
-    let rendered = node.render(&FrameSet { frames }).unwrap();
-    let pose = rendered.pose.camera_from_world().expect("the markers are seen");
+    let frame = node.render(&FrameSet { frames }).unwrap();
+    let pose = frame.pose.camera_from_world().expect("the markers are seen");
     let off_m = (pose.inverse().translation - EYE).length();
     assert!(off_m < 2e-3, "the camera is {off_m} m off");
-    Some(rendered.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
+    Some(frame.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect())
 }
 
 /// What of the lamp a place on the ground gets.
@@ -268,67 +303,47 @@ fn ground_pixels() -> Vec<GroundPixel> {
 }
 
 /// Mean difference in codes per channel over pixels, as it is and without signs.
-fn difference(a: &[u8], b: &[u8], pixels: &[&GroundPixel]) -> (Vec3, f32) {
-    assert!(pixels.len() > 60, "only {} pixels", pixels.len());
-    let (mut sum, mut absolute) = (Vec3::ZERO, 0.0);
-    for pixel in pixels {
-        let at = |codes: &[u8]| Vec3::from_array([0, 1, 2].map(|c| f32::from(codes[3 * pixel.index + c])));
-        let difference = at(a) - at(b);
-        sum += difference;
-        absolute += difference.abs().element_sum() / 3.0;
-    }
-    (sum / pixels.len() as f32, absolute / pixels.len() as f32)
+fn difference(what: &str, [a, b]: [&[u8]; 2], pixels: &[&GroundPixel]) -> (Vec3, f32) {
+    assert!(pixels.len() > 60, "{what}: only {} pixels", pixels.len());
+    let at = |codes: &[u8], i: usize| Vec3::from_array([0, 1, 2].map(|c| f32::from(codes[3 * i + c])));
+    let differences: Vec<Vec3> = pixels.iter().map(|p| at(a, p.index) - at(b, p.index)).collect();
+    let mean = differences.iter().sum::<Vec3>() / pixels.len() as f32;
+    let absolute = support::Errors::of(
+        &format!("{what}, {mean} codes, without signs"),
+        differences.iter().map(|d| d.abs().element_sum() / 3.0),
+    );
+    (mean, absolute.mean)
+}
+
+/// Those of the pixels that get this much of the lamp past the box and past the slabs.
+fn with_lamp(pixels: &[GroundPixel], lamp: [Lamp; 2]) -> Vec<&GroundPixel> {
+    pixels.iter().filter(|p| p.lamp == lamp).collect()
 }
 
 #[test]
 fn a_virtual_shadow_in_a_real_one_is_as_dark_as_the_truth() {
     let Some(photographs) = photographs() else { return };
-    for protection in [Protection::Off, Protection::Found] {
-        let Some(codes) = composite(&[ground(), real_box()], protection) else {
-            return;
-        };
-        save(&codes, &format!("exact_{protection:?}"));
-        let pixels = ground_pixels();
-        let select = |lamp: [Lamp; 2]| -> Vec<&GroundPixel> { pixels.iter().filter(|p| p.lamp == lamp).collect() };
-        let double = select([Lamp::Nothing, Lamp::Nothing]);
-        let (mean, absolute) = difference(&codes, &photographs.truth.pixels, &double);
-        println!(
-            "{protection:?}: both shadows, {} pixels: {mean} codes, {absolute} without sign",
-            double.len()
-        );
-        for lamp in [
-            [Lamp::Nothing, Lamp::All],
-            [Lamp::All, Lamp::Nothing],
-            [Lamp::All, Lamp::All],
-        ] {
-            let of = select(lamp);
-            println!(
-                "{lamp:?} {}: {:?}",
-                of.len(),
-                difference(&codes, &photographs.truth.pixels, &of)
-            );
-        }
-        assert!(mean.abs().max_element() < 1.0, "{protection:?}: {mean} codes of 255");
-    }
+    let Some(codes) = composite(&[ground(), real_box()], Protection::Found) else {
+        return;
+    };
+    let pixels = ground_pixels();
+    let double = with_lamp(&pixels, [Lamp::Nothing, Lamp::Nothing]);
+    let (mean, _) = difference("both shadows", [&codes, &photographs.truth.pixels], &double);
+    assert!(mean.abs().max_element() < 1.0, "{mean} codes of 255");
 }
 
 #[test]
 fn a_real_thing_without_phantom_keeps_its_shadow_single() {
     let Some(photographs) = photographs() else { return };
     let pixels = ground_pixels();
-    let double: Vec<&GroundPixel> = pixels
-        .iter()
-        .filter(|p| p.lamp == [Lamp::Nothing, Lamp::Nothing])
-        .collect();
+    let double = with_lamp(&pixels, [Lamp::Nothing, Lamp::Nothing]);
     let mut errors = Vec::new();
     for protection in [Protection::Off, Protection::Found] {
         let Some(codes) = composite(&[ground()], protection) else {
             return;
         };
-        save(&codes, &format!("missing_{protection:?}"));
-        let (mean, absolute) = difference(&codes, &photographs.truth.pixels, &double);
-        println!("{protection:?}: {mean} codes, {absolute} without sign");
-        errors.push(absolute);
+        let what = format!("no phantom, {protection:?}");
+        errors.push(difference(&what, [&codes, &photographs.truth.pixels], &double).1);
     }
     assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
 }
@@ -345,21 +360,136 @@ fn print_is_no_shadow() {
     let dark: Vec<&GroundPixel> = pixels.iter().filter(|p| p.lamp[1] == Lamp::Nothing).collect();
     let (ink, other): (Vec<_>, Vec<_>) = dark.into_iter().partition(|p| p.reflectance < 0.1);
     for (what, pixels) in [("ink", ink), ("paper and ground", other)] {
-        let (mean, absolute) = difference(&found, &off, &pixels);
-        println!("{what}, {} pixels: {mean} codes, {absolute} without sign", pixels.len());
+        let (_, absolute) = difference(what, [&found, &off], &pixels);
         assert!(absolute < 1.0, "{what}: {absolute} codes");
     }
 }
-fn save(codes: &[u8], name: &str) {
-    image::save_buffer(format!("/tmp/P/{name}.png"), codes, 320, 240, image::ColorType::Rgb8).unwrap();
-    let p = photographs().unwrap();
-    image::save_buffer(
-        "/tmp/P/t_before.png",
-        &p.before.pixels,
-        320,
-        240,
-        image::ColorType::Rgb8,
-    )
-    .unwrap();
-    image::save_buffer("/tmp/P/t_truth.png", &p.truth.pixels, 320, 240, image::ColorType::Rgb8).unwrap();
+
+/// Pixels within three of the edge where the box hides the block.
+fn edge_pixels() -> Vec<usize> {
+    const REACH: i32 = 3;
+    let rig = rig();
+    let world_from_camera = support::looking_at(TARGET, EYE).inverse();
+    let [box_mesh, block_mesh] = [real_box(), block_behind()].map(|thing| {
+        let kind = thing.1;
+        Occluders::new(triangles(&support::scene([thing]), kind))
+    });
+    // Whether the box hides the block; `None` where there is no block.
+    let hidden = |x: i32, y: i32| -> Option<bool> {
+        let ray = rig
+            .scene_camera()
+            .intrinsics
+            .unproject(DVec2::new(x.into(), y.into()))?;
+        let direction = world_from_camera.transform_vector(ray).as_vec3().normalize();
+        let block_m = block_mesh.distance_m(EYE.as_vec3(), direction, 0.0)?;
+        let box_m = box_mesh.distance_m(EYE.as_vec3(), direction, 0.0);
+        Some(box_m.is_some_and(|box_m| box_m < block_m))
+    };
+    let mut pixels = Vec::new();
+    for y in REACH..240 - REACH {
+        for x in REACH..320 - REACH {
+            let around: Option<Vec<bool>> = (-REACH..=REACH)
+                .flat_map(|step| [hidden(x + step, y), hidden(x, y + step)])
+                .collect();
+            if around.is_some_and(|around| around.contains(&true) && around.contains(&false)) {
+                pixels.push((320 * y + x) as usize);
+            }
+        }
+    }
+    pixels
+}
+
+#[test]
+fn the_edge_of_a_phantom_that_is_off_is_where_the_picture_has_it() {
+    let Some(photographs) = photographs() else { return };
+    let pixels = edge_pixels();
+    assert!(pixels.len() > 100, "{} pixels", pixels.len());
+    let mut errors = Vec::new();
+    // Right, and 1.5 pixels off.
+    for off_m in [0.0, 0.0027] {
+        let phantom = box_at(Vec3::new(-0.125 + off_m, 0.145, 0.035));
+        let scene = support::scene([ground(), phantom, block_behind()]);
+        for edges in [PhantomEdges::Mesh, PhantomEdges::Picture] {
+            let mut config = config();
+            config.view.phantom_edges = edges;
+            let Some(codes) = rendered(&scene, config) else { return };
+            let differences = pixels
+                .iter()
+                .flat_map(|&i| [0, 1, 2].map(|c| 3 * i + c))
+                .map(|i| f32::from(codes[i]) - f32::from(photographs.block.pixels[i]));
+            errors.push(support::Errors::of(&format!("{off_m} m off, {edges:?}"), differences).mean);
+        }
+    }
+    // What is wrong with the right mesh is light and noise, not the edge.
+    let [right, right_refined, off, off_refined] = [errors[0], errors[1], errors[2], errors[3]];
+    assert!(off_refined - right < 0.6 * (off - right), "{errors:?}");
+    assert!(right_refined < 1.05 * right, "{errors:?}");
+}
+
+/// Cells of two planes and three reflectances, some of them shaded.
+fn cells(n: usize) -> Vec<GpuCell> {
+    let cell = |i: usize| {
+        let random = |step: usize| support::spread(step * i, 0.1) as f32;
+        let share = Vec3::new(0.75, 0.7, 0.6) * (0.5 + 0.5 * random(1));
+        let reflectance = [0.1, 0.4, 0.8][(3.0 * random(3)) as usize] * (1.0 + 0.1 * random(5));
+        let left = if random(7) < 0.3 { 1.0 - share } else { Vec3::ONE };
+        let height_m = if random(19) < 0.4 { 0.002 } else { 0.0 };
+        GpuCell {
+            log_reflectance: (reflectance * left).map(f32::ln).extend(f32::from(random(11) > 0.1)),
+            share: share.extend(0.0),
+            place_m: Vec4::new(random(13), random(17), height_m, 1.0),
+            normal: Vec4::Z,
+        }
+    };
+    (0..n).map(cell).collect()
+}
+
+/// What `protect_vote` says of a grid of cells: columns, rows, every so many-th is asked.
+fn verdicts(gpu: &Gpu, grid: [u32; 4], cells: &[GpuCell]) -> Vec<Vec4> {
+    let out = Readback::new(gpu, "test: verdicts", size_of_val(cells) as u64 / 4);
+    let pipeline = gpu.compute_pipeline("protect_vote");
+    let bindings = gpu.bind(
+        "test",
+        &pipeline.get_bind_group_layout(0),
+        &[
+            gpu.buffer("test: grid", &[grid]).as_entire_binding(),
+            gpu.buffer("test: cells", cells).as_entire_binding(),
+            out.buffer().as_entire_binding(),
+        ],
+    );
+    let mut encoder = gpu
+        .device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, &bindings, &[]);
+        pass.dispatch_workgroups((cells.len() as u32).div_ceil(64), 1, 1);
+    }
+    out.record(&mut encoder);
+    gpu.queue.submit([encoder.finish()]);
+    let mut found = vec![Vec4::ZERO; cells.len()];
+    out.read(gpu, &mut found).unwrap();
+    found
+}
+
+#[test]
+fn cells_are_judged_as_by_the_reference() {
+    let Some(gpu) = support::gpu() else { return };
+    let grid = [24u32, 18, 2, 0];
+    let cells = cells((grid[0] * grid[1]) as usize);
+    let is_asked = |i: usize| {
+        let (x, y) = (i as u32 % grid[0], i as u32 / grid[0]);
+        x % grid[2] == grid[2] / 2 && y % grid[2] == grid[2] / 2
+    };
+    let asked: Vec<GpuCell> = (0..cells.len()).filter(|&i| is_asked(i)).map(|i| cells[i]).collect();
+    let expected: Vec<Vec4> = cells.iter().map(|cell| verdict(cell, &asked)).collect();
+    let believing = expected.iter().filter(|v| v.w > 0.0).count();
+    assert!(believing > 20 && believing < cells.len() / 2, "{believing}");
+    let found = verdicts(&gpu, grid, &cells);
+    let errors = support::Errors::of(
+        "verdicts",
+        found.iter().zip(&expected).map(|(f, e)| (*f - *e).abs().max_element()),
+    );
+    assert!(errors.worst < 1e-3, "{errors:?}");
 }

@@ -9,7 +9,7 @@ struct Cell {
     log_reflectance: vec4f,
     // Share of the bright lights in the predicted light; w: unused.
     share: vec4f,
-    place: vec4f,
+    place_m: vec4f,
     normal: vec4f,
 }
 

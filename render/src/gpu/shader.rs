@@ -56,6 +56,7 @@ pub const PASSES: &[(&str, &str)] = &[
         include_str!("../../shaders/local_environment.wgsl"),
     ),
     ("present", include_str!("../../shaders/present.wgsl")),
+    ("phantom_edge", include_str!("../../shaders/phantom_edge.wgsl")),
     ("prefilter_phong", include_str!("../../shaders/prefilter_phong.wgsl")),
     (
         "prefilter_specular",

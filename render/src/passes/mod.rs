@@ -12,6 +12,7 @@ pub mod irradiance_cube;
 pub mod lens_surface;
 pub(crate) mod lobe_sum;
 pub mod local_environment;
+pub mod phantom_edge;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
 pub mod protect;

@@ -11,7 +11,8 @@
 //!    bright lights' share per channel, is the cell's speak for a shadow; those of the cell's own reflectance against it. So
 //!    a pattern is taken for a shadow only if the plane also shows its pattern brighter by just that factor in all channels.
 //! 3. `protect_spread`: near believing cells, a pixel's own radiance tells how much of the bright lights it misses, so that
-//!    edges and penumbrae are the picture's.
+//!    edges and penumbrae are the picture's. So it does at the edges of known shadows, which the prediction has softer than
+//!    the picture and, with a mesh that is off, elsewhere.
 //!
 //! What is missing is taken off the predicted light, and what virtual objects take of it is given back.
 //!
@@ -19,6 +20,9 @@
 //! planes that show less than a few cells. Black print in light so hard that its shadow is as black is taken for one.
 //! Related: shadow detection by illumination-invariant colour (Finlayson et al. 2006) and the shadow protection mask of
 //! Jacobs, Nahmias, Angus, Reche, Loscos and Steed (2005).
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
 
 use super::direct::{self, Inputs};
 use super::groups;
@@ -29,14 +33,26 @@ use crate::gpu::timer::{Ends, Timer};
 
 /// Pixels along the edge of a cell (`CELL_PX` in `shared/protect.wgsl`).
 pub const CELL_PX: u32 = 4;
-/// Bytes of a cell (`Cell` in `shared/protect.wgsl`).
-pub const CELL_BYTES: u64 = 64;
 /// Bytes of what is said of a cell (`Verdict` in `shared/protect.wgsl`).
-pub const VERDICT_BYTES: u64 = 16;
+const VERDICT_BYTES: u64 = size_of::<Vec4>() as u64;
 /// Cells of a row that are asked, about.
-const ASKED: u32 = 40;
+const ASKED: u32 = 24;
 /// Cells that a workgroup of `protect_vote` judges.
 const VOTERS: u32 = 64;
+
+/// A square of pixels on one surface (`Cell` in `shared/protect.wgsl`).
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct GpuCell {
+    /// xyz: natural logarithm of the reflectance that picture and predicted light give; w: 1 where it means something.
+    pub log_reflectance: Vec4,
+    /// xyz: share of the bright lights in the predicted light; w: unused.
+    pub share: Vec4,
+    /// xyz: place, world, metres; w: 1 where there is one.
+    pub place_m: Vec4,
+    /// xyz: unit normal, world; w: unused.
+    pub normal: Vec4,
+}
 
 /// Bright lights on the phantoms, per pixel; irradiance, linear RGB. Black until passes fill it.
 #[derive(Debug)]
@@ -109,7 +125,7 @@ impl Protect {
         let size_px = view.size_px();
         let grid = size_px.map(|edge| edge.div_ceil(CELL_PX));
         let n_cells = u64::from(grid[0]) * u64::from(grid[1]);
-        let cells = gpu.storage("protect: cells", CELL_BYTES * n_cells);
+        let cells = gpu.storage("protect: cells", size_of::<GpuCell>() as u64 * n_cells);
         let verdicts = gpu.storage("protect: verdicts", VERDICT_BYTES * n_cells);
         let texture = |view| wgpu::BindingResource::TextureView(view);
         let of_pixel = [

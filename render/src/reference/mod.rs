@@ -1,7 +1,7 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
 //! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs` and
-//! `tests/comparison_maps.rs` compare the three.
+//! `tests/comparison_maps.rs` and others compare the three.
 //! Passes that only draw (`camera_depth`, `present`) have none.
 
 pub mod composite;
@@ -15,6 +15,7 @@ pub mod irradiance_cube;
 pub mod lobe_sum;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
+pub mod protect;
 pub mod real_radiance;
 pub mod receive;
 pub mod separable_blur;

@@ -42,6 +42,10 @@ fn mean(rgb: vec3f) -> f32 {
     return dot(rgb, vec3f(1.0 / 3.0));
 }
 
+fn square(v: vec2f) -> f32 {
+    return dot(v, v);
+}
+
 // Brings the cells around a workgroup in, one per thread; the cell that is `REACH` left and above of its first is number 0.
 fn gather(group: vec2u, thread: u32) {
     let grid = vec2i((textureDimensions(places) + CELL_PX - 1u) / CELL_PX);
@@ -72,8 +76,9 @@ fn is_anything_here() -> bool {
 
 // A pixel as the mask sees it.
 struct Here {
-    // Its cell's number in the surroundings.
+    // Its cell's place in the surroundings, and its own in that cell, from the middle, in cells.
     home: vec2i,
+    in_cell: vec2f,
     place: vec3f,
     normal: vec3f,
     // Logarithm.
@@ -103,7 +108,7 @@ fn unknown_shadow(here: Here) -> vec2f {
         if !is_of_surface(around[index], here) {
             continue;
         }
-        let closeness = exp(-0.25 * f32(dot(offset, offset)));
+        let closeness = exp(-0.35 * square(vec2f(offset) - here.in_cell));
         weight += closeness;
         let shaded = said[index];
         if shaded.w > 0.0 {
@@ -144,7 +149,7 @@ fn known_edge(here: Here) -> f32 {
         }
         let share = mean(around[index].share.rgb);
         let from_edge = max(min(share - least, most - share), 0.0) / (most - least);
-        let trust = exp(-0.15 * f32(dot(offset, offset)) - 40.0 * from_edge * from_edge);
+        let trust = exp(-0.2 * square(vec2f(offset) - here.in_cell) - 40.0 * from_edge * from_edge);
         weight += trust;
         sum += trust * around[index].log_reflectance.xyz;
     }
@@ -156,6 +161,7 @@ fn known_edge(here: Here) -> f32 {
 
 // Share of the bright lights that is missing at a pixel.
 fn missing(at: vec2u, home: vec2i, place: vec3f) -> f32 {
+    let in_cell = (vec2f(at % CELL_PX) + 0.5) / f32(CELL_PX) - 0.5;
     let normal = textureLoad(normals, at, 0).xyz;
     let near = near_irradiance(nearest_environment(place, frame.counts.x), normal);
     let pixel = phantom_pixel(at, near);
@@ -163,7 +169,7 @@ fn missing(at: vec2u, home: vec2i, place: vec3f) -> f32 {
     if !pixel.is_clear || mean(share) < 0.02 {
         return 0.0;
     }
-    let here = Here(home, place, normal, log_reflectance(pixel.radiance, pixel.irradiance), share);
+    let here = Here(home, in_cell, place, normal, log_reflectance(pixel.radiance, pixel.irradiance), share);
     let unknown = unknown_shadow(here);
     return mix(known_edge(here), unknown.x, unknown.y);
 }

@@ -2,10 +2,8 @@
 
 #import dome
 
-@group(0) @binding(2) var places: texture_2d<f32>;
-@group(0) @binding(3) var normals: texture_2d<f32>;
-@group(0) @binding(4) var<storage, read> past_real: array<u32>;
-@group(0) @binding(5) var<storage, read> past_virtual: array<u32>;
+#import dome_bright
+
 @group(0) @binding(6) var without: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(7) var with_virtual: texture_storage_2d<rgba16float, write>;
 
@@ -41,19 +39,9 @@ fn main(@builtin(global_invocation_id) at: vec3u) {
         real_bits >>= 1u;
         virtual_bits >>= 1u;
     }
-    let real_counts = past_real[counts_word() * n_pixels + pixel];
-    let virtual_counts = past_virtual[counts_word() * n_pixels + pixel];
-    for (var slot = 0u; slot < BRIGHT_MAX; slot++) {
-        let bright = bright_light(slot);
-        if bright == NO_LIGHT {
-            break;
-        }
-        let share = f32(extractBits(real_counts, 4u * slot, 4u)) / f32(RAYS);
-        let direct = unshadowed(lights[bright].position_m.xyz, place.xyz, normal);
-        let arriving = lights[bright].intensity.rgb * (share * direct);
-        real += arriving;
-        lost += arriving * (1.0 - f32(extractBits(virtual_counts, 4u * slot, 4u)) / f32(RAYS));
-    }
+    let bright = bright_irradiance(pixel, place.xyz, normal);
+    real += bright.arriving;
+    lost += bright.lost;
     textureStore(without, at.xy, vec4f(real, 1.0));
     textureStore(with_virtual, at.xy, vec4f(max(real - lost, vec3f(0.0)), 1.0));
 }

@@ -217,6 +217,19 @@ pub struct ShadowConfig {
     /// How shadows are drawn.
     #[serde(deserialize_with = "named")]
     pub method: ShadowMethod,
+    /// Whether shadows of real things without phantom are looked for in the picture.
+    pub protection: Protection,
+}
+
+/// Where virtual objects take no light a second time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Protection {
+    /// In the shadows of phantoms alone.
+    Off,
+    /// In shadows found in the picture as well ([`crate::passes::protect`]); with methods that count the rays of bright
+    /// lights, `stable` and `dome-improved`.
+    Found,
 }
 
 impl Default for ShadowConfig {
@@ -226,6 +239,7 @@ impl Default for ShadowConfig {
             bright_lights: 16,
             map_size: 256,
             method: ShadowMethod::Stable,
+            protection: Protection::Found,
         }
     }
 }
@@ -238,6 +252,18 @@ pub struct ViewConfig {
     pub near_m: f32,
     /// Farthest distance drawn, metres, above `near_m`.
     pub far_m: f32,
+    /// Where phantoms end before virtual objects.
+    pub phantom_edges: PhantomEdges,
+}
+
+/// What tells where a real thing before a virtual object ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhantomEdges {
+    /// Its mesh alone.
+    Mesh,
+    /// The picture, where it shows an edge within two pixels of the mesh's ([`crate::passes::phantom_edge`]).
+    Picture,
 }
 
 impl Default for ViewConfig {
@@ -245,6 +271,7 @@ impl Default for ViewConfig {
         Self {
             near_m: 0.02,
             far_m: 20.0,
+            phantom_edges: PhantomEdges::Picture,
         }
     }
 }

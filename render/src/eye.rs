@@ -6,8 +6,7 @@ use mirrorball_calib::pose::Pose;
 
 use crate::camera_view::CameraView;
 use crate::codes::Codes;
-use crate::config::LightConfig;
-use crate::config::{ModeConfig, PhantomsInVr};
+use crate::config::{LightConfig, ModeConfig, PhantomEdges, PhantomsInVr, Protection};
 use crate::environments::Environments;
 use crate::error::RenderError;
 use crate::eye_view::EyeView;
@@ -24,6 +23,8 @@ use crate::passes::lamp_light::LampLight;
 use crate::passes::lamp_receive::LampReceive;
 use crate::passes::lens_surface::LensSurface;
 use crate::passes::look_blur::LookBlur;
+use crate::passes::phantom_edge::PhantomEdge;
+use crate::passes::protect::{BrightLight, Protect};
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::passes::shade::{self, Shade, ShadeTarget};
@@ -92,6 +93,10 @@ pub struct Eye {
     pub lamps: [LampLight; 2],
     /// Light that near things throw on each other.
     pub near: NearEye,
+    /// Bright lights on the phantoms, by themselves.
+    pub bright: BrightLight,
+    /// Finds shadows of real things that the scene does not know, if asked to.
+    pub protect: Option<Protect>,
     /// Ratio by which virtual objects change the light on real ones.
     pub receive: Receive,
     /// Light of virtual lamps on real things.
@@ -106,6 +111,8 @@ pub struct Eye {
     pub shade: Shade,
     /// The camera's blur on virtual objects and on their shadows.
     pub look: LookBlur,
+    /// Puts the edges of phantoms before virtual objects where the picture has them, if asked to.
+    pub edges: Option<PhantomEdge>,
     /// The finished picture.
     pub finish: Finish,
     hiding: Hiding,
@@ -132,6 +139,10 @@ pub struct EyeInputs<'a> {
     pub light: LightConfig,
     /// What stands around them.
     pub mode: &'a ModeConfig,
+    /// Whether unknown shadows are looked for.
+    pub protection: Protection,
+    /// Where phantoms end.
+    pub phantom_edges: PhantomEdges,
 }
 
 impl Eye {
@@ -151,9 +162,12 @@ impl Eye {
         let size_px = view.size_px();
         let virtuals = LensSurface::new(gpu, "lens_surface: virtual objects", (&view.camera, scene), size_px);
         let light_on = [&view.phantoms, &virtuals].map(|surface| ShadowedLight::new(gpu, surface.views()));
+        let bright = BrightLight::new(gpu, size_px);
+        let is_protected = inputs.protection == Protection::Found;
         let surfaces = EyeSurfaces {
             surfaces: [&view.phantoms, &virtuals],
             targets: &light_on,
+            bright: is_protected.then_some(&bright),
         };
         let eye_shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         let direct = |light| direct::Inputs {
@@ -162,7 +176,8 @@ impl Eye {
             environments,
             light,
         };
-        let receive = Receive::new(gpu, direct(&light_on[0]), size_px);
+        let receive = Receive::new(gpu, direct(&light_on[0]), &bright, size_px);
+        let protect = is_protected.then(|| Protect::new(gpu, direct(&light_on[0]), (view, receive.frame()), &bright));
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
             .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
@@ -174,6 +189,10 @@ impl Eye {
             traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
+        let edges = match inputs.phantom_edges {
+            PhantomEdges::Mesh => None,
+            PhantomEdges::Picture => Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance())),
+        };
         let finish = match inputs.mode.name.surround() {
             Surround::Picture => {
                 let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
@@ -196,9 +215,10 @@ impl Eye {
             (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Hiding::Phantoms,
         };
         Ok(Self {
+            edges,
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
-            near: NearEye::new(gpu, EyeInputs { view, ..inputs }, &light_on, &real),
+            near: NearEye::new(gpu, EyeInputs { view, ..inputs }, (&light_on, &bright), &real),
             real,
             traced,
             finish,
@@ -207,6 +227,8 @@ impl Eye {
             virtuals,
             light_on,
             lamps,
+            bright,
+            protect,
             receive,
             lamp_receive,
             shade,
@@ -249,7 +271,9 @@ impl Eye {
         let surfaces = EyeSurfaces {
             surfaces: [&view.phantoms, &self.virtuals],
             targets: &self.light_on,
+            bright: self.protect.as_ref().map(|_| &self.bright),
         };
+        self.bright.clear(gpu);
         self.shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         Ok(())
     }

@@ -206,6 +206,9 @@ impl RenderNode {
             for lamps in &eye.lamps {
                 lamps.record(&mut encoder, timer);
             }
+            if let Some(protect) = &eye.protect {
+                protect.record(&mut encoder, timer);
+            }
             eye.near.record_change(&mut encoder, timer);
             eye.receive.record(&mut encoder, timer);
             eye.lamp_receive.record(&mut encoder, timer);
@@ -214,6 +217,9 @@ impl RenderNode {
             eye.traced.record(&mut encoder, timer, scene);
             eye.record_depth(&mut encoder, timer, scene);
             eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
+            if let Some(edges) = &eye.edges {
+                edges.record(&mut encoder, timer);
+            }
             eye.look.record(&mut encoder, timer);
             eye.finish.record(&mut encoder, timer);
         }

@@ -214,6 +214,8 @@ impl RenderNode {
             near: &near,
             shadows: &shadows,
             light: config.light,
+            protection: config.shadow.protection,
+            phantom_edges: config.view.phantom_edges,
             mode: &config.mode,
         };
         let eyes = eyes(&gpu, eye_inputs, &room)?;

@@ -15,6 +15,7 @@ use mirrorball_render::passes::ENVIRONMENT_MIPS;
 use mirrorball_render::passes::inset::GpuTile;
 use mirrorball_render::passes::irradiance_cube::IRRADIANCE_SIZE;
 use mirrorball_render::passes::lamp_light::{GpuLamp, GpuLamps};
+use mirrorball_render::passes::protect::GpuCell;
 use mirrorball_render::passes::ray_light::GpuLightProbe;
 use mirrorball_render::passes::separable_blur::ITERATIONS;
 use mirrorball_render::scene_rays::GpuInstance;
@@ -225,8 +226,30 @@ fn views_of_shadow_maps_have_one_layout() {
 }
 
 #[test]
+fn cells_of_the_protection_mask_have_one_layout() {
+    for pass in ["protect_cells", "protect_vote", "protect_spread"] {
+        assert_same_layout!(
+            pass,
+            "Cell",
+            GpuCell {
+                log_reflectance,
+                share,
+                place_m,
+                normal
+            }
+        );
+    }
+}
+
+#[test]
 fn structs_of_domes_have_one_layout() {
-    for pass in ["dome_maps", "dome_visibility", "dome_light_pair", "key_light_pair"] {
+    for pass in [
+        "dome_maps",
+        "dome_visibility",
+        "dome_light_bright",
+        "dome_light_pair",
+        "key_light_pair",
+    ] {
         assert_same_layout!(
             pass,
             "DomeLight",

@@ -22,3 +22,14 @@ fn near_irradiance(slot: u32, normal: vec3f) -> vec3f {
     }
     return max(sum, vec3f(0.0));
 }
+
+// The environment nearest to a point, of `n`.
+fn nearest_environment(point: vec3f, n: u32) -> u32 {
+    var nearest = 0u;
+    for (var i = 1u; i < n; i++) {
+        if distance(environments[i].position_m.xyz, point) < distance(environments[nearest].position_m.xyz, point) {
+            nearest = i;
+        }
+    }
+    return nearest;
+}

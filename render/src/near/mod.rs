@@ -20,6 +20,7 @@ use crate::gpu::types::GpuFrame;
 use crate::passes::direct::{self, ShadowedLight};
 use crate::passes::memory::{self, Memory};
 use crate::passes::near_light::{Inputs, NearLight};
+use crate::passes::protect::BrightLight;
 use crate::passes::real_radiance::RealRadiance;
 use crate::passes::receive::Receive;
 use crate::probe::Light;
@@ -100,7 +101,12 @@ pub struct NearEye {
 impl NearEye {
     /// Passes that fill [`ShadowedLight::near`] of both surfaces; `real` is the finished radiance of real things.
     #[must_use]
-    pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, light_on: &[ShadowedLight; 2], real: &RealRadiance) -> Self {
+    pub fn new(
+        gpu: &Gpu,
+        inputs: EyeInputs<'_>,
+        (light_on, bright): (&[ShadowedLight; 2], &BrightLight),
+        real: &RealRadiance,
+    ) -> Self {
         let EyeInputs { view, near, .. } = inputs;
         let size_px = view.size_px();
         let [on_phantoms, on_virtuals] = light_on;
@@ -111,7 +117,7 @@ impl NearEye {
             environments: inputs.environments,
             light: &from_afar,
         };
-        let receive = Receive::new(gpu, direct, size_px);
+        let receive = Receive::new(gpu, direct, bright, size_px);
         let shadowed = RealRadiance::new(gpu, view, [receive.ratio(), receive.added()]);
         let on = |light, real| Inputs {
             eye: inputs,

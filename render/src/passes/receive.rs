@@ -2,6 +2,7 @@
 
 use super::direct::{self, Inputs};
 use super::groups;
+use super::protect::BrightLight;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::{Ends, Timer};
@@ -20,9 +21,9 @@ pub struct Receive {
 }
 
 impl Receive {
-    /// A pass for pictures of `size_px`.
+    /// A pass for pictures of `size_px`, in which bright light may be missing.
     #[must_use]
-    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, size_px: [u32; 2]) -> Self {
+    pub fn new(gpu: &Gpu, inputs: Inputs<'_>, bright: &BrightLight, size_px: [u32; 2]) -> Self {
         let pipeline = gpu.compute_pipeline("receive");
         let frame = gpu.buffer("receive: frame", &[<GpuFrame as bytemuck::Zeroable>::zeroed()]);
         let texture = |label| {
@@ -44,6 +45,8 @@ impl Receive {
                     frame.as_entire_binding(),
                     wgpu::BindingResource::TextureView(&inputs.light.place),
                     wgpu::BindingResource::TextureView(&inputs.light.normal),
+                    wgpu::BindingResource::TextureView(&bright.absent),
+                    wgpu::BindingResource::TextureView(&bright.returned),
                     wgpu::BindingResource::TextureView(&target),
                     wgpu::BindingResource::TextureView(&real_light),
                 ])
@@ -68,6 +71,12 @@ impl Receive {
     /// Uploads what a frame's pixels share.
     pub fn write(&self, gpu: &Gpu, frame: &GpuFrame) {
         gpu.write(&self.frame, &[*frame]);
+    }
+
+    /// What a frame's pixels share, uniform ([`GpuFrame`]).
+    #[must_use]
+    pub fn frame(&self) -> &wgpu::Buffer {
+        &self.frame
     }
 
     /// Ratio on phantoms, alpha 1 where there is one.

@@ -1,7 +1,7 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/materials`, `tests/light_maps.rs`,
-//! `tests/comparison_maps.rs`, `tests/lamps.rs`, `tests/look.rs` and `tests/modes.rs` compare the three.
+//! Each file has the stem of its pass and of its shader; the tests in `tests/` compare the three: `passes.rs` and those of
+//! one topic each.
 //! Passes that only draw (`camera_depth`, `inset`, `present`) have none.
 
 pub mod composite;
@@ -21,6 +21,7 @@ pub mod material;
 pub mod noise;
 pub mod prefilter_phong;
 pub mod prefilter_specular;
+pub mod protect;
 pub mod real_radiance;
 pub mod receive;
 pub mod reproject;

@@ -32,6 +32,8 @@ pub(super) struct SharedMaps {
 pub(super) struct DomeShadows {
     sights: [[DomeSight; 2]; 2],
     gathers: [DomeGather; 2],
+    /// The bright lights alone, on the phantoms.
+    bright: Option<DomeGather>,
 }
 
 impl SharedMaps {
@@ -113,7 +115,20 @@ impl DomeShadows {
                 ([&target.without, &target.with_virtual], mode),
             )
         });
-        Ok(Self { sights, gathers })
+        let bright = surfaces.bright.map(|bright| {
+            let [past_real, past_virtual] = &sights[0];
+            DomeGather::bright(
+                gpu,
+                surfaces.surfaces[0].views(),
+                (real, [past_real, past_virtual]),
+                ([&bright.arriving, &bright.lost], mode),
+            )
+        });
+        Ok(Self {
+            sights,
+            gathers,
+            bright,
+        })
     }
 
     /// Sums the light up on what the eye sees.
@@ -124,16 +139,15 @@ impl DomeShadows {
         timer: &mut Timer,
         shared: &SharedMaps,
     ) {
+        let job = (&shared.maps[0], shared.unshaded, shared.method.unshaded_from());
         for (sights, gather) in self.sights.iter_mut().zip(&self.gathers) {
             for (sight, maps) in sights.iter_mut().zip(&shared.maps) {
                 sight.record(gpu, encoder, timer, (maps, 0..maps.n_shown() as usize));
             }
-            gather.record(
-                gpu,
-                encoder,
-                timer,
-                (&shared.maps[0], shared.unshaded, shared.method.unshaded_from()),
-            );
+            gather.record(gpu, encoder, timer, job);
+        }
+        if let Some(bright) = &self.bright {
+            bright.record(gpu, encoder, timer, job);
         }
     }
 }

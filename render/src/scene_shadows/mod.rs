@@ -17,6 +17,7 @@ use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
 use crate::passes::direct::ShadowedLight;
 use crate::passes::lens_surface::LensSurface;
+use crate::passes::protect::BrightLight;
 use crate::probe::Light;
 use crate::scene::{Kind, Scene};
 use crate::scene_gpu::SceneBuffers;
@@ -97,6 +98,8 @@ pub struct EyeSurfaces<'a> {
     pub surfaces: [&'a LensSurface; 2],
     /// The light on them.
     pub targets: &'a [ShadowedLight; 2],
+    /// Where the bright lights on the phantoms go by themselves, if anybody asks: methods that count their rays fill it.
+    pub bright: Option<&'a BrightLight>,
 }
 
 impl SceneShadows {

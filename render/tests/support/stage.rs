@@ -13,6 +13,7 @@ use mirrorball_render::passes::camera_depth::CameraDepth;
 use mirrorball_render::passes::direct::Inputs;
 use mirrorball_render::passes::direct::ShadowedLight;
 use mirrorball_render::passes::lens_surface::LensSurface;
+use mirrorball_render::passes::protect::BrightLight;
 use mirrorball_render::passes::receive::Receive;
 use mirrorball_render::passes::shade::{SAMPLES, Shade, ShadeTarget};
 use mirrorball_render::probe::Light;
@@ -66,6 +67,7 @@ impl Stage {
                 EyeSurfaces {
                     surfaces: [&surfaces[0], &surfaces[1]],
                     targets: &light_on,
+                    bright: None,
                 },
             )
             .expect("the test scene fits");
@@ -75,7 +77,7 @@ impl Stage {
             environments: &environments,
             light,
         };
-        let receive = Receive::new(&gpu, inputs(&light_on[0]), size_px);
+        let receive = Receive::new(&gpu, inputs(&light_on[0]), &BrightLight::new(&gpu, size_px), size_px);
         let nothing = nothing(&gpu);
         let target = ShadeTarget {
             size_px,

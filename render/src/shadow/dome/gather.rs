@@ -52,6 +52,17 @@ impl DomeGather {
         Self::with_bits(gpu, (surface, maps), "dome_light_pair", (&sights, &targets, mode))
     }
 
+    /// The bright lights alone: past the first set of casters, and what the second takes of that, into two targets.
+    #[must_use]
+    pub fn bright(
+        gpu: &Gpu,
+        surface: SurfaceViews<'_>,
+        (maps, sights): (&DomeMaps, [&DomeSight; 2]),
+        (targets, mode): ([&wgpu::TextureView; 2], RayMode),
+    ) -> Self {
+        Self::with_bits(gpu, (surface, maps), "dome_light_bright", (&sights, &targets, mode))
+    }
+
     fn with_bits(
         gpu: &Gpu,
         (surface, maps): (SurfaceViews<'_>, &DomeMaps),

@@ -106,6 +106,15 @@ pub enum RenderError {
         #[source]
         source: std::io::Error,
     },
+    /// The scene file cannot be watched.
+    #[error("cannot watch `{}` for changes", file.display())]
+    Watch {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
     /// A frame's bytes are no picture.
     #[error("cannot decode frame {sequence} of camera `{camera}`")]
     Decode {
@@ -204,7 +213,7 @@ impl RenderError {
             Self::Recording { source, .. } => Some(source.hint().into()),
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
-            Self::Signals { .. } => None,
+            Self::Signals { .. } | Self::Watch { .. } => None,
             Self::EnvironmentIn { .. } => {
                 Some("give an equirectangular OpenEXR map like those of `--environment-out`".into())
             }
@@ -247,7 +256,8 @@ impl RenderError {
             | Self::NoDevice { .. }
             | Self::Gpu { .. }
             | Self::Window { .. }
-            | Self::Signals { .. } => false,
+            | Self::Signals { .. }
+            | Self::Watch { .. } => false,
         }
     }
 }

@@ -7,9 +7,9 @@
 //! ```
 //!
 //! [`frame`] is one frame from top to bottom; everything else is a step of it:
-//! - [`tracker`]: markers to pose;
+//! - [`tracker`]: markers to pose; [`whereabouts`]: where objects are that move;
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
-//! - [`scene`]: virtual objects and phantoms;
+//! - [`scene`]: virtual objects and phantoms; [`reload`]: read anew while frames are rendered;
 //! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
 //! - [`shadow`]: every way to draw a shadow; [`scene_shadows`]: any of them in the camera's picture; [`lab`]: all of them on
 //!   one scene without cameras, to be compared;
@@ -42,9 +42,11 @@ pub mod output;
 pub mod passes;
 pub mod probe;
 pub mod reference;
+pub mod reload;
 pub mod scene;
 pub mod scene_gpu;
 pub mod scene_rays;
 pub mod scene_shadows;
 pub mod shadow;
 pub mod tracker;
+pub mod whereabouts;

@@ -20,6 +20,7 @@ use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
+use mirrorball_render::reload::SceneWatch;
 use mirrorball_render::scene::Scene;
 use mirrorball_render::shadow::ShadowMethod;
 
@@ -102,6 +103,9 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
+    for warning in scene.warnings() {
+        tracing::warn!("{warning}");
+    }
     let work = if arguments.output.light_only {
         Work::LightOnly
     } else {
@@ -127,7 +131,8 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         node = node.with_light(radiance);
     }
     tracing::info!(adapter = node.adapter_name(), "render node ready");
-    let mut app = App::new(node, frames, sinks);
+    let watch = SceneWatch::start(&arguments.scene, &scene, &node)?;
+    let mut app = App::new(node, frames, sinks).watching(watch);
     let stop = stop_flag()?;
     let should_stop = || stop.load(Ordering::Relaxed);
     if arguments.output.window {
@@ -142,6 +147,8 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         without_light = counts.without_light,
         skipped = counts.skipped,
         missed = counts.missed,
+        reloads = counts.reloads,
+        failed_reloads = counts.failed_reloads,
         "done"
     );
     Ok(())

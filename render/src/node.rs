@@ -19,15 +19,17 @@ use crate::measure::BlindView;
 use crate::passes::irradiance::Irradiance;
 use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
+use crate::passes::surroundings::Surroundings;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
-use crate::scene::{Kind, Scene};
+use crate::scene::{Kind, Object, Scene, bounding_sphere};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::SceneShadows;
 use crate::shadow::ShadowMethod;
 use crate::tracker::{TrackedPose, Tracker};
+use crate::whereabouts::Whereabouts;
 use mirrorball_calib::probe::ProbeOptics;
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
@@ -97,7 +99,10 @@ pub struct StrongReport {
 #[derive(Debug)]
 pub struct RenderNode {
     pub(crate) gpu: Gpu,
+    /// The rig without markers that move.
     pub(crate) rig: Rig,
+    /// The rig as it was given.
+    given_rig: Rig,
     pub(crate) config: RenderConfig,
     pub(crate) work: Work,
     /// Frame sets that were compared with the rig.
@@ -126,9 +131,22 @@ pub struct RenderNode {
     pub(crate) eyes: Vec<Eye>,
     pub(crate) scene: SceneBuffers,
     pub(crate) rays: SceneRays,
-    /// Where the objects stand, world from object, in the order of the scene.
+    /// What moves the objects.
+    pub(crate) whereabouts: Whereabouts,
+    /// Where they are at this frame, world from object, in the order of the scene.
     pub(crate) placements: Vec<Affine3A>,
     pub(crate) environments: Environments,
+}
+
+/// What a node is made from, but for its scene.
+#[derive(Debug, Clone)]
+pub struct NodeParts {
+    /// The device.
+    pub gpu: Gpu,
+    /// The rig as it was given.
+    pub rig: Rig,
+    /// The settings.
+    pub config: RenderConfig,
 }
 
 /// A probe frame that was taken in.
@@ -155,6 +173,7 @@ pub(crate) struct Pictures {
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) radiance_map: RadianceMap,
+    pub(crate) surroundings: Surroundings,
     pub(crate) local_environment: LocalEnvironment,
     pub(crate) light_maps: LightMaps,
     pub(crate) irradiance: Irradiance,
@@ -165,15 +184,20 @@ impl RenderNode {
     ///
     /// # Errors
     /// [`RenderError::NoProbe`] when the rig has no light probe.
-    pub fn new(gpu: Gpu, rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
-        check_limits(&gpu, &rig)?;
+    pub fn new(gpu: Gpu, given_rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
+        check_limits(&gpu, &given_rig)?;
+        let rig = without_moving_markers(&given_rig, scene);
         let optics = ProbeOptics::of_rig(&rig)?;
-        let occluders = phantoms(scene, &rig);
-        let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
-        let buffers = SceneBuffers::new(&gpu, scene, &rig)?;
-        let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(&rig)).collect();
+        // The probe looks past phantoms that move: where they are now is not where they were.
+        let occluders = phantoms(scene, &given_rig, |object| !object.movement.moves());
+        let interest = points_of_interest(scene, &given_rig);
+        let probe = LightProbe::new(&config, &rig, optics, &occluders, &interest);
+        let buffers = SceneBuffers::new(&gpu, scene, &given_rig)?;
+        let whereabouts = Whereabouts::new(scene, &given_rig);
+        let placements = whereabouts.placements().to_vec();
         let rays = SceneRays::new(&gpu, &buffers, &placements)?;
-        let environments = Environments::new(&gpu, scene, &rig, &occluders);
+        let around = phantoms(scene, &given_rig, |_| true);
+        let environments = Environments::new(&gpu, scene, &given_rig, &around);
         let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
         let cube_size = config.probe.cube_size;
         let pictures = Pictures {
@@ -187,8 +211,8 @@ impl RenderNode {
             behind: CubeTexture::new(&gpu, "light: behind the strong lights", cube_size),
             strong: gpu.buffer("light: strong lights", &[<GpuStrong as bytemuck::Zeroable>::zeroed()]),
         };
-        let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
-        let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
+        let shadows = SceneShadows::new(&gpu, (scene, &buffers), &given_rig, config.shadow)?;
+        let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe), &rays);
         let eye = Eye::new(
             &gpu,
             EyeInputs {
@@ -202,22 +226,17 @@ impl RenderNode {
             },
         )?;
         Ok(Self {
-            tracker: Tracker::new(&rig),
+            tracker: Tracker::new(&given_rig),
             timer: Timer::new(&gpu),
             light: None,
             measured: vec![None; rig.cameras.len()],
-            ball_place: rig.ball.as_ref().map(|ball| {
-                let sphere = MirrorBall {
-                    center_m: ball.center_m,
-                    radius_m: ball.radius_m,
-                };
-                BallPlace::new(&sphere, Vec3::from_array(ball.reflectance.map(|r| r as f32)))
-            }),
+            ball_place: ball_place(&rig),
             given_light: None,
             light_age: 0,
             blind: None,
             gpu,
             rig,
+            given_rig,
             config,
             work: Work::Everything,
             checked_sets: 0,
@@ -230,6 +249,7 @@ impl RenderNode {
             eyes: vec![eye],
             scene: buffers,
             rays,
+            whereabouts,
             placements,
             environments,
         })
@@ -248,6 +268,40 @@ impl RenderNode {
             given_light: Some(radiance),
             ..self
         }
+    }
+
+    /// What the node was made from.
+    #[must_use]
+    pub fn parts(&self) -> NodeParts {
+        NodeParts {
+            gpu: self.gpu.clone(),
+            rig: self.given_rig.clone(),
+            config: self.config,
+        }
+    }
+
+    /// Goes on with what `before`, a node of the same rig, has measured: with the light, with the probe where the phantoms that
+    /// stand still are the same, with the clock and the markers of moving objects. The node before is of no use afterwards.
+    ///
+    /// # Errors
+    /// As [`RenderNode::set_shadow_method`]; `before` is then as it was.
+    pub fn take_over(&mut self, before: &mut Self) -> Result<(), RenderError> {
+        if before.shadow_method() != self.shadow_method() {
+            self.set_shadow_method(before.shadow_method())?;
+        }
+        self.work = before.work;
+        self.whereabouts.take_over(&before.whereabouts);
+        self.checked_sets = before.checked_sets;
+        self.light_age = before.light_age;
+        self.light = before.light.take();
+        self.given_light = before.given_light.take();
+        self.ball_place = before.ball_place.take();
+        self.blind = before.blind.take();
+        if self.occluders.triangles() == before.occluders.triangles() && self.rig == before.rig {
+            std::mem::swap(&mut self.probe, &mut before.probe);
+            std::mem::swap(&mut self.measured, &mut before.measured);
+        }
+        Ok(())
     }
 
     /// The shadow method in use.
@@ -409,6 +463,7 @@ impl Passes {
         config: &RenderConfig,
         (environments, pictures): (&Environments, &Pictures),
         (seen, probe): (&CameraView, &LightProbe),
+        rays: &SceneRays,
     ) -> Self {
         let sampler = gpu.linear_sampler();
         let local_environment = LocalEnvironment::new(
@@ -430,15 +485,37 @@ impl Passes {
             radiance_map: RadianceMap::new(gpu, probe.near_m()),
             light_maps: LightMaps::new(gpu, environments, &config.light, (&seen.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
+            surroundings: Surroundings::new(gpu, environments, rays),
             local_environment,
         }
     }
 }
 
-/// The phantoms' triangles in the world.
-fn phantoms(scene: &Scene, rig: &Rig) -> Occluders {
+fn ball_place(rig: &Rig) -> Option<BallPlace> {
+    let ball = rig.ball.as_ref()?;
+    let sphere = MirrorBall {
+        center_m: ball.center_m,
+        radius_m: ball.radius_m,
+    };
+    Some(BallPlace::new(
+        &sphere,
+        Vec3::from_array(ball.reflectance.map(|r| r as f32)),
+    ))
+}
+
+/// The rig with those markers only that stand still.
+fn without_moving_markers(rig: &Rig, scene: &Scene) -> Rig {
+    let moving = scene.moving_markers();
+    let mut rig = rig.clone();
+    rig.markers.retain(|marker| !moving.contains(&marker.id));
+    rig
+}
+
+/// The triangles of the phantoms that are chosen, in the world at the first frame.
+fn phantoms(scene: &Scene, rig: &Rig, is_chosen: impl Fn(&Object) -> bool) -> Occluders {
     let mut triangles = Vec::new();
-    for object in scene.objects.iter().filter(|o| o.kind == Kind::Phantom) {
+    let chosen = |object: &&Object| object.kind == Kind::Phantom && is_chosen(object);
+    for object in scene.objects.iter().filter(chosen) {
         let world_from_object = object.world_from_object(rig);
         for triangle in object.mesh.indices.chunks_exact(3) {
             triangles.push([0, 1, 2].map(|i| {
@@ -450,13 +527,24 @@ fn phantoms(scene: &Scene, rig: &Rig) -> Occluders {
     Occluders::new(triangles)
 }
 
-/// Places that light is wanted for: the middles of the virtual objects and a little above.
+/// Places that light is wanted for: the middles of the virtual objects, wherever they go, and a little above.
 fn points_of_interest(scene: &Scene, rig: &Rig) -> Vec<Vec3> {
-    scene
-        .virtual_objects()
-        .flat_map(|(_, object)| {
-            let (center_m, radius_m) = object.bounding_sphere(rig);
-            [center_m, center_m + Vec3::Z * radius_m]
-        })
-        .collect()
+    let around = |object: &Object| {
+        let corners = object.mesh.vertices.iter().map(|v| Vec3::from(v.position));
+        let base = object.world_from_placement(rig);
+        let stops = match &object.movement.motion {
+            Some(motion) => motion
+                .stops_s()
+                .iter()
+                .map(|&s| base * motion.placement_from_object(s))
+                .collect(),
+            None => vec![base],
+        };
+        stops
+            .iter()
+            .map(|placement| bounding_sphere(corners.clone(), placement))
+            .flat_map(|(center_m, radius_m)| [center_m, center_m + Vec3::Z * radius_m])
+            .collect::<Vec<Vec3>>()
+    };
+    scene.virtual_objects().flat_map(|(_, object)| around(object)).collect()
 }

@@ -20,6 +20,7 @@ pub mod receive;
 pub mod separable_blur;
 pub mod shade;
 pub mod sphere_map;
+pub mod surroundings;
 
 /// Edge of the cube of a virtual object's own environment, texels.
 pub const ENVIRONMENT_SIZE: u32 = 128;

@@ -6,6 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Mat4, Vec3};
 
 use super::MeshUp;
+use super::entry::listed;
+use super::puppet::Puppet;
+use super::skin::{self, Part, Playing, Source};
 use crate::error::RenderError;
 
 /// One corner of a triangle, as it lies in the GPU's vertex buffer.
@@ -106,8 +109,29 @@ pub struct Mesh {
 /// More triangles than this are refused: a typing error or a scan that wants thinning.
 const MAX_TRIANGLES: usize = 2_000_000;
 
-/// Reads all nodes of a glTF file into one mesh, in the object's frame.
-pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, RenderError> {
+/// What is read of a glTF file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Choice<'a> {
+    /// Which axis of the file points up.
+    pub(super) up: MeshUp,
+    /// The node that is read, with all below it, where it stands in the file; `None` for all nodes.
+    pub(super) node: Option<&'a str>,
+    /// The animation that is played.
+    pub(super) playing: Option<&'a Playing>,
+}
+
+/// What was read.
+#[derive(Debug)]
+pub(super) struct Read {
+    /// Triangles, with all nodes at rest.
+    pub(super) mesh: Mesh,
+    /// What moves them.
+    pub(super) puppet: Option<Puppet>,
+    parts: Vec<Part>,
+}
+
+/// Reads the chosen nodes of a glTF file into one mesh, in the object's frame.
+pub(super) fn load(file: &Path, object: &str, choice: Choice<'_>) -> Result<Read, RenderError> {
     let place = Place {
         file: file.to_owned(),
         object: object.to_owned(),
@@ -120,8 +144,12 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
     let folder = file.parent();
     let buffers = gltf::import_buffers(&parsed.document, folder, parsed.blob.clone()).map_err(|e| place.error(&e))?;
     let images = gltf::import_images(&parsed.document, folder, &buffers).map_err(|e| place.error(&e))?;
-    let mut mesh = Mesh::default();
-    let root = match up {
+    let mut read = Read {
+        mesh: Mesh::default(),
+        puppet: None,
+        parts: Vec::new(),
+    };
+    let root = match choice.up {
         MeshUp::Z => Mat4::IDENTITY,
         // +y of the file becomes +z: a quarter turn about x.
         MeshUp::Y => Mat4::from_mat3(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y)),
@@ -131,22 +159,81 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         .document
         .default_scene()
         .or_else(|| parsed.document.scenes().next());
-    for node in shown.iter().flat_map(gltf::Scene::nodes) {
+    for (node, object_from_parent) in chosen_nodes(shown.as_ref(), root, choice.node).map_err(|m| place.message(m))? {
         read_node(
             &node,
-            root,
+            object_from_parent,
             &place,
             &Payload {
                 buffers: &buffers,
                 images: &images,
             },
-            &mut mesh,
+            &mut read,
         )?;
     }
-    if mesh.indices.is_empty() {
+    if read.mesh.indices.is_empty() {
         return Err(place.message("it holds no triangles"));
     }
-    Ok(mesh)
+    let source = Source {
+        document: &parsed.document,
+        buffers: &buffers,
+        object_from_file: root,
+        mesh: &read.mesh,
+        parts: &read.parts,
+    };
+    read.puppet = skin::read(source, choice.playing).map_err(|message| place.message(message))?;
+    Ok(read)
+}
+
+/// Buffers and pictures that a glTF file names as files of their own.
+pub(super) fn files_beside(file: &Path) -> Vec<PathBuf> {
+    let Some(parsed) = std::fs::read(file)
+        .ok()
+        .and_then(|bytes| gltf::Gltf::from_slice(&bytes).ok())
+    else {
+        return Vec::new();
+    };
+    let buffers = parsed.buffers().filter_map(|buffer| match buffer.source() {
+        gltf::buffer::Source::Uri(uri) => Some(uri.to_owned()),
+        gltf::buffer::Source::Bin => None,
+    });
+    let images = parsed.images().filter_map(|image| match image.source() {
+        gltf::image::Source::Uri { uri, .. } => Some(uri.to_owned()),
+        gltf::image::Source::View { .. } => None,
+    });
+    let folder = file.parent().unwrap_or(Path::new("."));
+    buffers
+        .chain(images)
+        .filter(|uri| !uri.starts_with("data:"))
+        .map(|uri| folder.join(uri))
+        .collect()
+}
+
+/// The nodes that are read with all below them, each with the transform that it stands in.
+fn chosen_nodes<'a>(
+    scene: Option<&gltf::Scene<'a>>,
+    root: Mat4,
+    name: Option<&str>,
+) -> Result<Vec<(gltf::Node<'a>, Mat4)>, String> {
+    let mut waiting: Vec<(gltf::Node<'a>, Mat4)> = scene
+        .into_iter()
+        .flat_map(gltf::Scene::nodes)
+        .map(|node| (node, root))
+        .collect();
+    let Some(name) = name else {
+        return Ok(waiting);
+    };
+    let mut names = Vec::new();
+    while let Some((node, object_from_parent)) = waiting.pop() {
+        if node.name() == Some(name) {
+            return Ok(vec![(node, object_from_parent)]);
+        }
+        names.extend(node.name().map(str::to_owned));
+        let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        waiting.extend(node.children().map(|child| (child, object_from_node)));
+    }
+    names.sort();
+    Err(format!("it has no node `{name}`; its nodes are {}", listed(names)))
 }
 
 struct Place {
@@ -178,7 +265,7 @@ fn read_node(
     object_from_parent: Mat4,
     place: &Place,
     payload: &Payload<'_>,
-    mesh: &mut Mesh,
+    read: &mut Read,
 ) -> Result<(), RenderError> {
     let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
     let name = node.name().unwrap_or("(unnamed)").to_owned();
@@ -188,13 +275,20 @@ fn read_node(
         )));
     }
     if let Some(gltf_mesh) = node.mesh() {
-        for primitive in gltf_mesh.primitives() {
-            read_primitive(&primitive, object_from_node, payload, mesh)
+        for (index, primitive) in gltf_mesh.primitives().enumerate() {
+            let first_vertex = read.mesh.vertices.len();
+            read_primitive(&primitive, object_from_node, payload, &mut read.mesh)
                 .map_err(|message| place.message(format!("node `{name}`: {message}")))?;
+            read.parts.push(Part {
+                node: node.index(),
+                primitive: index,
+                first_vertex,
+                n_vertices: read.mesh.vertices.len() - first_vertex,
+            });
         }
     }
     for child in node.children() {
-        read_node(&child, object_from_node, place, payload, mesh)?;
+        read_node(&child, object_from_node, place, payload, read)?;
     }
     Ok(())
 }

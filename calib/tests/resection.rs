@@ -5,7 +5,7 @@ mod support;
 use glam::{DVec2, DVec3};
 use mirrorball_calib::{
     pose::Pose,
-    resection::{NoPose, locate},
+    resection::{NoPose, locate, marker_poses},
     rig::Rig,
     tag::Detection,
 };
@@ -51,6 +51,19 @@ fn seen(rig: &Rig, pose: &Pose) -> Vec<Detection> {
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn exact_corners_of_one_marker_give_its_exact_pose_first(pose in camera()) {
+        let rig = rig();
+        let intrinsics = &rig.scene_camera().intrinsics;
+        for detection in seen(&rig, &pose) {
+            let marker = rig.marker(detection.id).expect("a marker of the rig");
+            let found = marker_poses(&detection, marker, intrinsics);
+            let camera_from_marker = pose * marker.world_from_marker;
+            prop_assert!(distance_m(&found[0].camera_from_marker, &camera_from_marker) < 1e-6);
+            prop_assert!(found[0].reprojection_error_px < 1e-6);
+        }
+    }
 
     #[test]
     fn exact_corners_give_the_exact_pose(pose in camera()) {

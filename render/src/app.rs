@@ -13,6 +13,7 @@ use crate::error::RenderError;
 use crate::insets::Buffer;
 use crate::node::{RenderNode, RenderedFrame};
 use crate::output::Sink;
+use crate::reload::SceneWatch;
 use crate::shadow::ShadowMethod;
 
 /// Frame sets decoded ahead of the renderer.
@@ -136,6 +137,10 @@ pub struct Counts {
     pub skipped: u64,
     /// Frame sets that a newer one replaced before they were rendered.
     pub missed: u64,
+    /// Times that a changed scene was taken over.
+    pub reloads: u64,
+    /// Times that a changed scene was not usable, so that the one before stayed.
+    pub failed_reloads: u64,
 }
 
 /// The render node with its input and outputs.
@@ -145,6 +150,7 @@ pub struct App {
     sinks: Vec<Box<dyn Sink>>,
     counts: Counts,
     last_complaint: Option<Instant>,
+    watch: Option<SceneWatch>,
 }
 
 impl App {
@@ -157,6 +163,16 @@ impl App {
             sinks,
             counts: Counts::default(),
             last_complaint: None,
+            watch: None,
+        }
+    }
+
+    /// Takes the scene over whenever `watch` has a new one.
+    #[must_use]
+    pub fn watching(self, watch: SceneWatch) -> Self {
+        Self {
+            watch: Some(watch),
+            ..self
         }
     }
 
@@ -226,6 +242,7 @@ impl App {
         if set.frames.is_empty() {
             return Ok(Step::Skipped);
         }
+        self.renew_scene();
         match self.node.render(&set) {
             Ok(frame) => self.finish(frame).map(|frame| Step::Rendered(Box::new(frame))),
             Err(error @ (RenderError::FrameSize { .. } | RenderError::NoSceneFrame { .. }))
@@ -235,6 +252,31 @@ impl App {
                 Ok(Step::Skipped)
             }
             Err(error) => Err(error),
+        }
+    }
+
+    /// Goes on with a scene that has changed; where it cannot be used the one before stays.
+    fn renew_scene(&mut self) {
+        let Some(outcome) = self.watch.as_ref().and_then(SceneWatch::take) else {
+            return;
+        };
+        let renewed = outcome.and_then(|mut node| {
+            node.take_over(&mut self.node)?;
+            self.node = *node;
+            Ok(())
+        });
+        match renewed {
+            Ok(()) => {
+                self.counts.reloads += 1;
+                tracing::info!("the scene has changed; showing the new one");
+            }
+            Err(error) => {
+                self.counts.failed_reloads += 1;
+                tracing::warn!(
+                    "the scene has changed and cannot be used; the one before stays: {}",
+                    chain(&error)
+                );
+            }
         }
     }
 
@@ -297,4 +339,15 @@ impl App {
         }
         Ok(())
     }
+}
+
+/// An error with what caused it, in one line.
+fn chain(error: &RenderError) -> String {
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
 }

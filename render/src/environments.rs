@@ -15,6 +15,7 @@ use crate::passes::{ENVIRONMENT_MIPS, ENVIRONMENT_SIZE};
 use crate::probe::surroundings;
 use crate::scene::Scene;
 use crate::scene::occluders::Occluders;
+use crate::whereabouts::Whereabouts;
 use mirrorball_calib::probe::cube::{Cube, FACES};
 use mirrorball_calib::rig::Rig;
 
@@ -116,6 +117,8 @@ pub struct Environments {
     pub all: wgpu::Buffer,
     /// Spherical harmonics of the light from near things, [`SH_STRIDE_BYTES`] per slot.
     pub near_sh: wgpu::Buffer,
+    /// Per slot, whether the distances around it are no longer right.
+    stale: Vec<bool>,
 }
 
 impl Environments {
@@ -187,8 +190,33 @@ impl Environments {
                 &[<GpuEnvironment as bytemuck::Zeroable>::zeroed(); MAX_ENVIRONMENTS],
             ),
             near_sh: gpu.buffer("environment: near light", &black),
+            stale: vec![false; slots.len()],
             slots,
         }
+    }
+
+    /// Goes where the objects have gone.
+    pub fn follow(&mut self, whereabouts: &Whereabouts) {
+        self.stale.fill(whereabouts.changes().phantoms);
+        for (index, sphere) in whereabouts.moved_spheres().enumerate() {
+            let Some((center_m, radius_m)) = sphere else { continue };
+            if let Some(slot) = self.slots.get_mut(index) {
+                (slot.center_m, slot.radius_m) = (center_m, radius_m);
+                self.stale[index] = true;
+            } else if let Some(last) = self.slots.last_mut() {
+                // Objects without a slot of their own share the last, whose sphere then holds them too.
+                last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
+            }
+        }
+    }
+
+    /// Slots that have moved, or around which phantoms have, since the frame before.
+    pub fn stale_slots(&self) -> impl Iterator<Item = usize> + '_ {
+        self.stale
+            .iter()
+            .enumerate()
+            .filter(|(_, is_stale)| **is_stale)
+            .map(|(slot, _)| slot)
     }
 
     /// Tells the shaders where the probe stands and how far away the room is.

@@ -126,6 +126,15 @@ pub enum RenderError {
         #[source]
         source: std::io::Error,
     },
+    /// The scene file cannot be watched.
+    #[error("cannot watch `{}` for changes", file.display())]
+    Watch {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
     /// A frame's bytes are no picture.
     #[error("cannot decode frame {sequence} of camera `{camera}`")]
     Decode {
@@ -227,7 +236,7 @@ impl RenderError {
             Self::Recording { source, .. } => Some(source.hint().into()),
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
-            Self::Signals { .. } => None,
+            Self::Signals { .. } | Self::Watch { .. } => None,
             Self::EnvironmentIn { .. } => {
                 Some("give an equirectangular OpenEXR map like those of `--environment-out`".into())
             }
@@ -272,7 +281,8 @@ impl RenderError {
             | Self::NoDevice { .. }
             | Self::Gpu { .. }
             | Self::Window { .. }
-            | Self::Signals { .. } => false,
+            | Self::Signals { .. }
+            | Self::Watch { .. } => false,
         }
     }
 }

@@ -122,13 +122,15 @@ impl RenderNode {
         let (passes, timer) = (&mut self.passes, &mut self.timer);
         let scene = &self.scene;
         self.seen.phantoms.record(&mut encoder, timer, (scene, &scene.phantoms));
+        passes.surroundings.record(&mut encoder, timer, &self.environments);
         passes.local_environment.record(&mut encoder, timer);
         timer.record(&mut encoder);
         self.gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Hands the camera and the light of this frame to the GPU.
+    /// Hands the camera, the objects' places and the light of this frame to the GPU.
     fn upload(&mut self, frame: &Frame, camera_from_world: &Pose, light: &Light) {
+        self.move_objects(frame, camera_from_world);
         let gpu = &self.gpu;
         let camera = self.gpu_camera(self.rig.scene_camera(), camera_from_world, frame);
         gpu.write(&self.seen.camera, &[camera]);
@@ -149,7 +151,7 @@ impl RenderNode {
         gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
         gpu.write(
             &self.scene.lamps,
-            &[GpuLamps::new(&self.lamps, &self.rig, &self.placements)],
+            &[GpuLamps::new(&self.lamps, &self.given_rig, &self.placements)],
         );
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);
@@ -191,9 +193,10 @@ impl RenderNode {
             scene,
             light,
             probe_m: self.probe.optics().position_m(),
-            is_moved: false,
+            is_moved: self.whereabouts.changes().any(),
         };
         self.shadows.record(gpu, &mut encoder, timer, &shadow_frame);
+        passes.surroundings.record(&mut encoder, timer, &self.environments);
         passes.local_environment.record(&mut encoder, timer);
         passes.room_mips.record(&mut encoder, timer);
         passes.light_maps.record(&mut encoder, timer, &self.environments);

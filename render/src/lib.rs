@@ -7,9 +7,9 @@
 //! ```
 //!
 //! [`frame`] is one frame from top to bottom; everything else is a step of it:
-//! - [`tracker`]: markers to pose;
+//! - [`tracker`]: markers to pose; [`whereabouts`]: where objects are that move;
 //! - [`probe`]: mirror ball or fisheye to light, in linear radiance, world frame;
-//! - [`scene`]: virtual objects and phantoms;
+//! - [`scene`]: virtual objects and phantoms; [`reload`]: read anew while frames are rendered;
 //! - [`passes`]: the work of the GPU, each pass beside its WGSL file; [`mod@reference`] holds their CPU twins;
 //! - [`near`]: light that near things throw on each other;
 //! - [`shadow`]: every way to draw a shadow; [`scene_shadows`]: any of them in the camera's picture; [`lab`]: all of them on
@@ -50,6 +50,7 @@ pub mod output;
 pub mod passes;
 pub mod probe;
 pub mod reference;
+pub mod reload;
 pub mod scene;
 pub mod scene_gpu;
 pub mod scene_materials;
@@ -58,3 +59,4 @@ pub mod scene_shadows;
 pub mod shadow;
 pub mod traced;
 pub mod tracker;
+pub mod whereabouts;

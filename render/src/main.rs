@@ -22,6 +22,7 @@ use mirrorball_render::mode::{Mode, Surround};
 use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
+use mirrorball_render::reload::SceneWatch;
 use mirrorball_render::scene::Scene;
 use mirrorball_render::shadow::ShadowMethod;
 
@@ -113,6 +114,9 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
     let scene = Scene::load(&arguments.scene, &rig)?;
+    for warning in scene.warnings() {
+        tracing::warn!("{warning}");
+    }
     let work = if arguments.output.light_only {
         Work::LightOnly
     } else {
@@ -148,7 +152,8 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     if node.mode().surround() == Surround::Nothing {
         tracing::info!("shadows are off: a display that one looks through adds light and takes none away");
     }
-    let mut app = App::new(node, frames, sinks);
+    let watch = SceneWatch::start(&arguments.scene, &scene, &node)?;
+    let mut app = App::new(node, frames, sinks).watching(watch);
     let stop = stop_flag()?;
     let should_stop = || stop.load(Ordering::Relaxed);
     if arguments.output.window {
@@ -163,6 +168,8 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
         without_light = counts.without_light,
         skipped = counts.skipped,
         missed = counts.missed,
+        reloads = counts.reloads,
+        failed_reloads = counts.failed_reloads,
         "done"
     );
     Ok(())

@@ -27,15 +27,17 @@ use crate::passes::local_environment::{self, LocalEnvironment};
 use crate::passes::radiance_map::RadianceMap;
 use crate::passes::reproject::room_buffer;
 use crate::passes::room_mips::RoomMips;
+use crate::passes::surroundings::Surroundings;
 use crate::probe::meter::StrongLight;
 use crate::probe::{Light, LightProbe};
 use crate::scene::occluders::Occluders;
-use crate::scene::{Kind, Lamp, Scene};
+use crate::scene::{Kind, Lamp, Object, Scene, bounding_sphere};
 use crate::scene_gpu::{PictureBuffers, SceneBuffers};
 use crate::scene_rays::SceneRays;
 use crate::scene_shadows::SceneShadows;
 use crate::shadow::ShadowMethod;
 use crate::tracker::{TrackedPose, Tracker};
+use crate::whereabouts::Whereabouts;
 use mirrorball_calib::probe::ProbeOptics;
 use mirrorball_calib::probe::cube::Cube;
 use mirrorball_calib::probe::mirror_ball::MirrorBall;
@@ -107,7 +109,10 @@ pub struct StrongReport {
 #[derive(Debug)]
 pub struct RenderNode {
     pub(crate) gpu: Gpu,
+    /// The rig without markers that move.
     pub(crate) rig: Rig,
+    /// The rig as it was given.
+    pub(crate) given_rig: Rig,
     pub(crate) config: RenderConfig,
     pub(crate) work: Work,
     /// Frame sets that were compared with the rig.
@@ -143,11 +148,24 @@ pub struct RenderNode {
     pub(crate) room: wgpu::Buffer,
     pub(crate) scene: SceneBuffers,
     pub(crate) rays: SceneRays,
-    /// Where the objects stand, world from object, in the order of the scene.
+    /// What moves the objects.
+    pub(crate) whereabouts: Whereabouts,
+    /// Where they are at this frame, world from object, in the order of the scene.
     pub(crate) placements: Vec<Affine3A>,
     /// Virtual lamps.
     pub(crate) lamps: Vec<Lamp>,
     pub(crate) environments: Environments,
+}
+
+/// What a node is made from, but for its scene.
+#[derive(Debug, Clone)]
+pub struct NodeParts {
+    /// The device.
+    pub gpu: Gpu,
+    /// The rig as it was given.
+    pub rig: Rig,
+    /// The settings.
+    pub config: RenderConfig,
 }
 
 /// A probe frame that was taken in.
@@ -174,6 +192,7 @@ pub(crate) struct Pictures {
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) radiance_map: RadianceMap,
+    pub(crate) surroundings: Surroundings,
     pub(crate) local_environment: LocalEnvironment,
     pub(crate) room_mips: RoomMips,
     pub(crate) light_maps: LightMaps,
@@ -185,19 +204,24 @@ impl RenderNode {
     ///
     /// # Errors
     /// [`RenderError::NoProbe`] when the rig has no light probe.
-    pub fn new(gpu: Gpu, rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
-        check_limits(&gpu, &rig)?;
+    pub fn new(gpu: Gpu, given_rig: Rig, scene: &Scene, config: RenderConfig) -> Result<Self, RenderError> {
+        check_limits(&gpu, &given_rig)?;
+        let rig = without_moving_markers(&given_rig, scene);
         let optics = ProbeOptics::of_rig(&rig)?;
-        let occluders = phantoms(scene, &rig);
-        let probe = LightProbe::new(&config, &rig, optics, &occluders, &points_of_interest(scene, &rig));
-        let buffers = SceneBuffers::new(&gpu, scene, &rig)?;
-        let placements: Vec<Affine3A> = scene.objects.iter().map(|o| o.world_from_object(&rig)).collect();
+        // The probe looks past phantoms that move: where they are now is not where they were.
+        let occluders = phantoms(scene, &given_rig, |object| !object.movement.moves());
+        let interest = points_of_interest(scene, &given_rig);
+        let probe = LightProbe::new(&config, &rig, optics, &occluders, &interest);
+        let buffers = SceneBuffers::new(&gpu, scene, &given_rig)?;
+        let whereabouts = Whereabouts::new(scene, &given_rig);
+        let placements = whereabouts.placements().to_vec();
         let rays = SceneRays::new(&gpu, &buffers, &placements)?;
-        let environments = Environments::new(&gpu, scene, &rig, &occluders);
+        let around = phantoms(scene, &given_rig, |_| true);
+        let environments = Environments::new(&gpu, scene, &given_rig, &around);
         let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
         let pictures = Pictures::new(&gpu, &rig, config.probe.cube_size);
-        let shadows = SceneShadows::new(&gpu, (scene, &buffers), &rig, config.shadow)?;
-        let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe));
+        let shadows = SceneShadows::new(&gpu, (scene, &buffers), &given_rig, config.shadow)?;
+        let passes = Passes::new(&gpu, &config, (&environments, &pictures), (&seen, &probe), &rays);
         let near = near_things(
             &gpu,
             (&seen, &buffers, &placements),
@@ -220,23 +244,18 @@ impl RenderNode {
         };
         let eyes = eyes(&gpu, eye_inputs, &room)?;
         Ok(Self {
-            tracker: Tracker::new(&rig),
+            tracker: Tracker::new(&given_rig),
             sharpness: Sharpness::default(),
             timer: Timer::new(&gpu),
             light: None,
             measured: vec![None; rig.cameras.len()],
-            ball_place: rig.ball.as_ref().map(|ball| {
-                let sphere = MirrorBall {
-                    center_m: ball.center_m,
-                    radius_m: ball.radius_m,
-                };
-                BallPlace::new(&sphere, Vec3::from_array(ball.reflectance.map(|r| r as f32)))
-            }),
+            ball_place: ball_place(&rig),
             given_light: None,
             light_age: 0,
             blind: None,
             gpu,
             rig,
+            given_rig,
             config,
             work: Work::Everything,
             checked_sets: 0,
@@ -252,6 +271,7 @@ impl RenderNode {
             room,
             scene: buffers,
             rays,
+            whereabouts,
             placements,
             lamps: scene.lamps.clone(),
             environments,
@@ -306,6 +326,40 @@ impl RenderNode {
             Work::LightOnly => return self.seen.size_px(),
         };
         [width * self.eyes.len() as u32, height]
+    }
+
+    /// What the node was made from.
+    #[must_use]
+    pub fn parts(&self) -> NodeParts {
+        NodeParts {
+            gpu: self.gpu.clone(),
+            rig: self.given_rig.clone(),
+            config: self.config,
+        }
+    }
+
+    /// Goes on with what `before`, a node of the same rig, has measured: with the light, with the probe where the phantoms that
+    /// stand still are the same, with the clock and the markers of moving objects. The node before is of no use afterwards.
+    ///
+    /// # Errors
+    /// As [`RenderNode::set_shadow_method`]; `before` is then as it was.
+    pub fn take_over(&mut self, before: &mut Self) -> Result<(), RenderError> {
+        if before.shadow_method() != self.shadow_method() {
+            self.set_shadow_method(before.shadow_method())?;
+        }
+        self.work = before.work;
+        self.whereabouts.take_over(&before.whereabouts);
+        self.checked_sets = before.checked_sets;
+        self.light_age = before.light_age;
+        self.light = before.light.take();
+        self.given_light = before.given_light.take();
+        self.ball_place = before.ball_place.take();
+        self.blind = before.blind.take();
+        if self.occluders.triangles() == before.occluders.triangles() && self.rig == before.rig {
+            std::mem::swap(&mut self.probe, &mut before.probe);
+            std::mem::swap(&mut self.measured, &mut before.measured);
+        }
+        Ok(())
     }
 
     /// The shadow method in use.
@@ -511,6 +565,7 @@ impl Passes {
         config: &RenderConfig,
         (environments, pictures): (&Environments, &Pictures),
         (seen, probe): (&CameraView, &LightProbe),
+        rays: &SceneRays,
     ) -> Self {
         let sampler = gpu.linear_sampler();
         let local_environment = LocalEnvironment::new(
@@ -533,6 +588,7 @@ impl Passes {
             light_maps: LightMaps::new(gpu, environments, &config.light, (&seen.camera, &sampler)),
             irradiance: Irradiance::new(gpu, environments),
             room_mips: RoomMips::new(gpu, environments),
+            surroundings: Surroundings::new(gpu, environments, rays),
             local_environment,
         }
     }
@@ -555,10 +611,31 @@ fn near_things(
     NearThings::new(gpu, inputs, &parts)
 }
 
-/// The phantoms' triangles in the world.
-fn phantoms(scene: &Scene, rig: &Rig) -> Occluders {
+fn ball_place(rig: &Rig) -> Option<BallPlace> {
+    let ball = rig.ball.as_ref()?;
+    let sphere = MirrorBall {
+        center_m: ball.center_m,
+        radius_m: ball.radius_m,
+    };
+    Some(BallPlace::new(
+        &sphere,
+        Vec3::from_array(ball.reflectance.map(|r| r as f32)),
+    ))
+}
+
+/// The rig with those markers only that stand still.
+fn without_moving_markers(rig: &Rig, scene: &Scene) -> Rig {
+    let moving = scene.moving_markers();
+    let mut rig = rig.clone();
+    rig.markers.retain(|marker| !moving.contains(&marker.id));
+    rig
+}
+
+/// The triangles of the phantoms that are chosen, in the world at the first frame.
+fn phantoms(scene: &Scene, rig: &Rig, is_chosen: impl Fn(&Object) -> bool) -> Occluders {
     let mut triangles = Vec::new();
-    for object in scene.objects.iter().filter(|o| o.kind == Kind::Phantom) {
+    let chosen = |object: &&Object| object.kind == Kind::Phantom && is_chosen(object);
+    for object in scene.objects.iter().filter(chosen) {
         let world_from_object = object.world_from_object(rig);
         for triangle in object.mesh.indices.chunks_exact(3) {
             triangles.push([0, 1, 2].map(|i| {
@@ -570,13 +647,24 @@ fn phantoms(scene: &Scene, rig: &Rig) -> Occluders {
     Occluders::new(triangles)
 }
 
-/// Places that light is wanted for: the middles of the virtual objects and a little above.
+/// Places that light is wanted for: the middles of the virtual objects, wherever they go, and a little above.
 fn points_of_interest(scene: &Scene, rig: &Rig) -> Vec<Vec3> {
-    scene
-        .virtual_objects()
-        .flat_map(|(_, object)| {
-            let (center_m, radius_m) = object.bounding_sphere(rig);
-            [center_m, center_m + Vec3::Z * radius_m]
-        })
-        .collect()
+    let around = |object: &Object| {
+        let corners = object.mesh.vertices.iter().map(|v| Vec3::from(v.position));
+        let base = object.world_from_placement(rig);
+        let stops = match &object.movement.motion {
+            Some(motion) => motion
+                .stops_s()
+                .iter()
+                .map(|&s| base * motion.placement_from_object(s))
+                .collect(),
+            None => vec![base],
+        };
+        stops
+            .iter()
+            .map(|placement| bounding_sphere(corners.clone(), placement))
+            .flat_map(|(center_m, radius_m)| [center_m, center_m + Vec3::Z * radius_m])
+            .collect::<Vec<Vec3>>()
+    };
+    scene.virtual_objects().flat_map(|(_, object)| around(object)).collect()
 }

@@ -1,5 +1,7 @@
 //! The scene and the cameras' pictures as the GPU holds them.
 
+use std::ops::Range;
+
 use glam::{Affine3A, Vec3};
 use mirrorball_calib::rig::{Camera, Rig};
 use mirrorball_capture::frame::Frame;
@@ -10,7 +12,7 @@ use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuObject, MAX_ENVIRONMENTS};
 use crate::passes::lamp_light::GpuLamps;
 use crate::scene::material::Alpha;
-use crate::scene::{Kind, MAX_LAMPS, Mesh, Scene, Vertex, subdivided};
+use crate::scene::{Kind, MAX_LAMPS, Mesh, Scene, Split, Vertex, split};
 use crate::scene_materials::SceneMaterials;
 
 /// Longest edge of a triangle before it is split for the lens, metres.
@@ -43,8 +45,18 @@ pub struct SceneBuffers {
     kept: Vec<Vertex>,
     /// Indices of every object's triangles.
     of_object: Vec<Vec<u32>>,
+    /// Of every object that changes its shape, its vertices.
+    bending: Vec<Option<Bending>>,
     /// Environment slot of every object, and 1 for a virtual one.
     slots: Vec<[u32; 2]>,
+}
+
+/// Vertices of an object that changes its shape.
+#[derive(Debug)]
+struct Bending {
+    range: Range<usize>,
+    /// As in [`Split`].
+    ends: Vec<[u32; 2]>,
 }
 
 /// An object's triangles in memory.
@@ -101,11 +113,12 @@ impl SceneBuffers {
         let mut vertices: Vec<Vertex> = Vec::new();
         let (mut phantoms, mut virtuals) = (Vec::new(), Vec::new());
         let mut of_object: Vec<Vec<u32>> = Vec::with_capacity(scene.objects.len());
+        let mut bending = Vec::with_capacity(scene.objects.len());
         let mut slots = Vec::with_capacity(scene.objects.len());
         let (mut objects, mut materials) = (Vec::new(), Vec::new());
         let mut n_virtual = 0u32;
         for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = subdivided(&object.mesh, max_edge_m).ok_or_else(|| RenderError::Mesh {
+            let Split { mesh, ends } = split(&object.mesh, max_edge_m).ok_or_else(|| RenderError::Mesh {
                 file: object.file.clone(),
                 object: object.name.clone(),
                 message: "it is so large that its edges cannot be split for the lens; are its units metres?".into(),
@@ -125,6 +138,10 @@ impl SceneBuffers {
             };
             let own: Vec<u32> = finite_triangles(&mesh).map(|i| first_vertex + i).collect();
             indices.extend_from_slice(&own);
+            bending.push(object.movement.puppet.is_some().then(|| Bending {
+                range: first_vertex as usize..vertices.len(),
+                ends,
+            }));
             of_object.push(own);
             slots.push([slot, is_virtual]);
             objects.push(GpuObject::new(placements[index], slot, is_virtual));
@@ -166,6 +183,7 @@ impl SceneBuffers {
             phantoms: IndexRange::new(gpu, "scene: phantom triangles", &phantoms),
             virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
             of_object,
+            bending,
             slots,
             has_glass: materials
                 .iter()
@@ -204,7 +222,26 @@ impl SceneBuffers {
             .collect()
     }
 
-    /// Moves the objects: one placement per object, world from object.
+    /// Whether any object changes its shape.
+    #[must_use]
+    pub fn bends(&self) -> bool {
+        self.bending.iter().any(Option::is_some)
+    }
+
+    /// Changes an object's shape: `moved` are the vertices of its mesh in its own frame. Other objects than those of a
+    /// puppet stay as they are.
+    pub fn bend(&mut self, gpu: &Gpu, object: usize, moved: &[Vertex]) {
+        let Some(Bending { range, ends }) = self.bending.get(object).and_then(Option::as_ref) else {
+            return;
+        };
+        let vertices = &mut self.kept[range.clone()];
+        Split::bend(moved, ends, vertices);
+        let offset = (range.start * size_of::<Vertex>()) as u64;
+        gpu.queue
+            .write_buffer(&self.vertices, offset, bytemuck::cast_slice(vertices));
+    }
+
+    /// Moves the objects: one placement per object, world from object; [`crate::scene::GONE`] ones are not drawn.
     pub fn place(&self, gpu: &Gpu, placements: &[Affine3A]) {
         let objects: Vec<GpuObject> = placements
             .iter()

@@ -1,12 +1,14 @@
 //! The scene for rays on the GPU: every object behind a hierarchy in its own frame, so that objects move by a matrix alone
 //! (`shared/scene_ray.wgsl`).
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Mat4, Vec3, Vec4};
 
 use crate::error::RenderError;
 use crate::gpu::Gpu;
-use crate::scene::Kind;
+use crate::scene::{GONE, Kind};
 use crate::scene_gpu::{ObjectTriangles, SceneBuffers};
 use crate::shadow::path::hierarchy::{Hierarchies, HierarchyBuffers};
 
@@ -28,8 +30,14 @@ pub struct GpuInstance {
 #[derive(Debug)]
 pub struct SceneRays {
     hierarchy: HierarchyBuffers,
+    /// The same in memory, where any object changes its shape.
+    in_memory: Option<Hierarchies>,
+    /// Nodes and triangles of every object.
+    parts: Vec<[Range<usize>; 2]>,
     instances: wgpu::Buffer,
     known: Vec<GpuInstance>,
+    /// [`kind_bit`] of every object.
+    kinds: Vec<u32>,
     vertices: wgpu::Buffer,
 }
 
@@ -41,8 +49,13 @@ impl SceneRays {
     pub fn new(gpu: &Gpu, scene: &SceneBuffers, placements: &[Affine3A]) -> Result<Self, RenderError> {
         let mut hierarchies = Hierarchies::default();
         let mut known = Vec::with_capacity(placements.len());
+        let mut parts = Vec::with_capacity(placements.len());
+        let kinds = scene.objects_of_rays().iter().map(kind_bit).collect();
         for (object, &placement) in scene.objects_of_rays().iter().zip(placements) {
+            let before = hierarchies.lengths();
             let root = hierarchies.add_numbered(gpu, &object.corners(), &object.indices())?;
+            let after = hierarchies.lengths();
+            parts.push([before[0]..after[0], before[1]..after[1]]);
             known.push(GpuInstance {
                 sphere_m: object.sphere_m(),
                 facts: [root.link, kind_bit(object), object.slot, 0],
@@ -53,19 +66,37 @@ impl SceneRays {
             known.push(GpuInstance::zeroed());
         }
         Ok(Self {
-            hierarchy: hierarchies.upload(gpu)?,
+            hierarchy: hierarchies.clone().upload(gpu)?,
+            in_memory: scene.bends().then_some(hierarchies),
+            parts,
             instances: gpu.buffer("rays: objects", &known),
             known,
+            kinds,
             vertices: scene.vertices.clone(),
         })
     }
 
-    /// Moves the objects: one placement per object, world from object.
+    /// Follows an object that has changed its shape in `scene`; to be followed by [`SceneRays::place`].
+    pub fn bend(&mut self, gpu: &Gpu, scene: &SceneBuffers, object: usize) {
+        let Some(hierarchies) = &mut self.in_memory else {
+            return;
+        };
+        let triangles = scene.objects_of_rays()[object];
+        let place_of = |vertex: u32| Vec3::from(triangles.vertices[vertex as usize].position);
+        hierarchies.refit(gpu, &self.hierarchy, self.parts[object].clone(), place_of);
+        self.known[object].sphere_m = triangles.sphere_m();
+    }
+
+    /// Moves the objects: one placement per object, world from object; [`GONE`] ones are not hit.
     pub fn place(&mut self, gpu: &Gpu, placements: &[Affine3A]) {
-        for (instance, &placement) in self.known.iter_mut().zip(placements) {
-            let moved = placed(placement);
-            instance.world_from_object = moved.world_from_object;
-            instance.object_from_world = moved.object_from_world;
+        for ((instance, &kind), &placement) in self.known.iter_mut().zip(&self.kinds).zip(placements) {
+            // No ray looks for an object of no kind.
+            instance.facts[1] = if placement == GONE { 0 } else { kind };
+            if placement != GONE {
+                let moved = placed(placement);
+                instance.world_from_object = moved.world_from_object;
+                instance.object_from_world = moved.object_from_world;
+            }
         }
         gpu.write(&self.instances, &self.known);
     }

@@ -5,6 +5,7 @@
 //! or a covered corner costs its own evidence only, and a second marker settles which planar solution is the true one.
 
 mod planar;
+mod single;
 mod solve;
 
 use glam::{DVec2, DVec3};
@@ -12,6 +13,7 @@ use nalgebra::Matrix3;
 
 use crate::{camera::Intrinsics, pose::Pose, rig::Rig, tag::Detection};
 pub(crate) use planar::square_poses;
+pub use single::{MarkerPose, marker_poses};
 use solve::{Corner, Loss, Problem, Solution};
 
 /// Error, in pixels, at which a corner counts half when proposals are compared.

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::error::RenderError;
 
 /// A device, its queue, and what it is called.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Gpu {
     /// The instance, for surfaces.
     pub instance: wgpu::Instance,

@@ -148,6 +148,7 @@ pub const PASSES: &[(&str, &str)] = &[
         include_str!("../../shaders/shadow_wedge_corners.wgsl"),
     ),
     ("shadow_wedges", include_str!("../../shaders/shadow_wedges.wgsl")),
+    ("surroundings", include_str!("../../shaders/surroundings.wgsl")),
     ("surface", include_str!("../../shaders/surface.wgsl")),
     ("shadow_area", include_str!("../../shaders/shadow_area.wgsl")),
     ("shadow_depth", include_str!("../../shaders/shadow_depth.wgsl")),

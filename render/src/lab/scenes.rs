@@ -8,7 +8,7 @@ use mirrorball_calib::pose::Pose;
 
 use super::meshes::{BoxSteps, Solid, mesh};
 use super::toys::{self, HALF_GROUND_M, ROAD_RADIUS_M};
-use crate::scene::{Kind, Mesh, Object, Placement, Scene};
+use crate::scene::{Kind, Mesh, Movement, Object, Placement, Scene};
 use crate::shadow::shadow_view::Sphere;
 use crate::shadow::view::View;
 
@@ -218,6 +218,7 @@ impl MovingScene {
             name: name.to_owned(),
             kind: Kind::Virtual,
             placement: Placement::World(Pose::identity()),
+            movement: Movement::default(),
             file: PathBuf::new(),
             mesh,
         });

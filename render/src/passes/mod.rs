@@ -35,6 +35,7 @@ pub mod room_mips;
 pub mod separable_blur;
 pub mod shade;
 pub mod sphere_map;
+pub mod surroundings;
 pub mod virtual_surface;
 
 /// Edge of the cube of a virtual object's own environment, texels.

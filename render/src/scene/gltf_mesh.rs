@@ -6,9 +6,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::Mat4;
 use gltf::Document;
 
+use super::entry::listed;
 use super::gltf_image::Images;
 use super::gltf_material::{KNOWN_EXTENSIONS, MaterialsFile};
 use super::material::{Material, Sides};
+use super::puppet::Puppet;
+use super::skin::{self, Part, Playing, Source};
 use super::{MeshUp, gltf_vertices, tangents};
 use crate::error::RenderError;
 
@@ -62,8 +65,29 @@ pub struct Mesh {
 /// More triangles than this are refused: a typing error or a scan that wants thinning.
 const MAX_TRIANGLES: usize = 2_000_000;
 
-/// Reads all nodes of a glTF file into one mesh, in the object's frame.
-pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, RenderError> {
+/// What is read of a glTF file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Choice<'a> {
+    /// Which axis of the file points up.
+    pub(super) up: MeshUp,
+    /// The node that is read, with all below it, where it stands in the file; `None` for all nodes.
+    pub(super) node: Option<&'a str>,
+    /// The animation that is played.
+    pub(super) playing: Option<&'a Playing>,
+}
+
+/// What was read.
+#[derive(Debug)]
+pub(super) struct Read {
+    /// Triangles, with all nodes at rest.
+    pub(super) mesh: Mesh,
+    /// What moves them.
+    pub(super) puppet: Option<Puppet>,
+    parts: Vec<Part>,
+}
+
+/// Reads the chosen nodes of a glTF file into one mesh, in the object's frame.
+pub(super) fn load(file: &Path, object: &str, choice: Choice<'_>) -> Result<Read, RenderError> {
     let place = Place {
         file: file.to_owned(),
         object: object.to_owned(),
@@ -80,17 +104,77 @@ pub(super) fn load(file: &Path, object: &str, up: MeshUp) -> Result<Mesh, Render
         images: Images::new(&document, folder, &buffers),
         materials,
     };
-    let mut mesh = Mesh::default();
-    let root = up.object_from_file();
+    let mut read = Read {
+        mesh: Mesh::default(),
+        puppet: None,
+        parts: Vec::new(),
+    };
+    let root = choice.up.object_from_file();
     // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
     let shown = document.default_scene().or_else(|| document.scenes().next());
-    for node in shown.iter().flat_map(gltf::Scene::nodes) {
-        read_node(&node, root, &place, &mut payload, &mut mesh)?;
+    for (node, object_from_parent) in chosen_nodes(shown.as_ref(), root, choice.node).map_err(|m| place.message(m))? {
+        read_node(&node, object_from_parent, &place, &mut payload, &mut read)?;
     }
-    if mesh.indices.is_empty() {
+    if read.mesh.indices.is_empty() {
         return Err(place.message("it holds no triangles"));
     }
-    Ok(mesh)
+    let source = Source {
+        document: &document,
+        buffers: &buffers,
+        object_from_file: root,
+        mesh: &read.mesh,
+        parts: &read.parts,
+    };
+    read.puppet = skin::read(source, choice.playing).map_err(|message| place.message(message))?;
+    Ok(read)
+}
+
+/// Buffers and pictures that a glTF file names as files of their own.
+pub(super) fn files_beside(file: &Path) -> Vec<PathBuf> {
+    let Some((document, ..)) = std::fs::read(file).ok().and_then(|bytes| parse(&bytes).ok()) else {
+        return Vec::new();
+    };
+    let buffers = document.buffers().filter_map(|buffer| match buffer.source() {
+        gltf::buffer::Source::Uri(uri) => Some(uri.to_owned()),
+        gltf::buffer::Source::Bin => None,
+    });
+    let images = document.images().filter_map(|image| match image.source() {
+        gltf::image::Source::Uri { uri, .. } => Some(uri.to_owned()),
+        gltf::image::Source::View { .. } => None,
+    });
+    let folder = file.parent().unwrap_or(Path::new("."));
+    buffers
+        .chain(images)
+        .filter(|uri| !uri.starts_with("data:"))
+        .map(|uri| folder.join(uri))
+        .collect()
+}
+
+/// The nodes that are read with all below them, each with the transform that it stands in.
+fn chosen_nodes<'a>(
+    scene: Option<&gltf::Scene<'a>>,
+    root: Mat4,
+    name: Option<&str>,
+) -> Result<Vec<(gltf::Node<'a>, Mat4)>, String> {
+    let mut waiting: Vec<(gltf::Node<'a>, Mat4)> = scene
+        .into_iter()
+        .flat_map(gltf::Scene::nodes)
+        .map(|node| (node, root))
+        .collect();
+    let Some(name) = name else {
+        return Ok(waiting);
+    };
+    let mut names = Vec::new();
+    while let Some((node, object_from_parent)) = waiting.pop() {
+        if node.name() == Some(name) {
+            return Ok(vec![(node, object_from_parent)]);
+        }
+        names.extend(node.name().map(str::to_owned));
+        let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        waiting.extend(node.children().map(|child| (child, object_from_node)));
+    }
+    names.sort();
+    Err(format!("it has no node `{name}`; its nodes are {}", listed(names)))
 }
 
 /// The document, its binary part, and its materials.
@@ -145,7 +229,7 @@ fn read_node(
     object_from_parent: Mat4,
     place: &Place,
     payload: &mut Payload<'_>,
-    mesh: &mut Mesh,
+    read: &mut Read,
 ) -> Result<(), RenderError> {
     let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
     let name = node.name().unwrap_or("(unnamed)").to_owned();
@@ -155,13 +239,20 @@ fn read_node(
         )));
     }
     if let Some(gltf_mesh) = node.mesh() {
-        for primitive in gltf_mesh.primitives() {
-            read_primitive(&primitive, object_from_node, payload, mesh)
+        for (index, primitive) in gltf_mesh.primitives().enumerate() {
+            let first_vertex = read.mesh.vertices.len();
+            read_primitive(&primitive, object_from_node, payload, &mut read.mesh)
                 .map_err(|message| place.message(format!("node `{name}`: {message}")))?;
+            read.parts.push(Part {
+                node: node.index(),
+                primitive: index,
+                first_vertex,
+                n_vertices: read.mesh.vertices.len() - first_vertex,
+            });
         }
     }
     for child in node.children() {
-        read_node(&child, object_from_node, place, payload, mesh)?;
+        read_node(&child, object_from_node, place, payload, read)?;
     }
     Ok(())
 }

@@ -10,17 +10,33 @@ use super::{Mesh, Vertex};
 /// Most triangles that a mesh may become.
 const MAX_TRIANGLES: usize = 4_000_000;
 
+/// A mesh whose long edges have been split.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Split {
+    /// The vertices as they were, then the middles of edges.
+    pub mesh: Mesh,
+    /// For every middle, in order, the ends of its edge: vertices before it.
+    pub ends: Vec<[u32; 2]>,
+}
+
 /// The mesh with every edge longer than `max_edge_m` split, so that neighbouring triangles still share their corners.
 ///
 /// Each round splits long edges at their middles (the same middle for both neighbours, hence no cracks).
 /// `None` when that would take more than four million triangles: the mesh is not in metres.
 #[must_use]
 pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Option<Mesh> {
+    split(mesh, max_edge_m).map(|split| split.mesh)
+}
+
+/// As [`subdivided`], with what tells where the new vertices are when the old ones move.
+#[must_use]
+pub fn split(mesh: &Mesh, max_edge_m: f32) -> Option<Split> {
     const MAX_ROUNDS: u32 = 8;
     let mut mesh = mesh.clone();
+    let mut ends = Vec::new();
     for _ in 0..MAX_ROUNDS {
         let before = mesh.indices.len();
-        mesh = split_once(&mesh, max_edge_m);
+        mesh = split_once(&mesh, max_edge_m, &mut ends);
         if mesh.indices.len() == before {
             break;
         }
@@ -28,10 +44,22 @@ pub fn subdivided(mesh: &Mesh, max_edge_m: f32) -> Option<Mesh> {
             return None;
         }
     }
-    Some(mesh)
+    Some(Split { mesh, ends })
 }
 
-fn split_once(mesh: &Mesh, max_edge_m: f32) -> Mesh {
+impl Split {
+    /// Moves the vertices: positions, normals and tangents of the ones as they were are `moved`'s, the middles follow.
+    pub fn bend(moved: &[Vertex], ends: &[[u32; 2]], vertices: &mut [Vertex]) {
+        for (vertex, moved) in vertices.iter_mut().zip(moved) {
+            (vertex.position, vertex.normal, vertex.tangent) = (moved.position, moved.normal, moved.tangent);
+        }
+        for (index, [a, b]) in (moved.len()..).zip(ends) {
+            vertices[index] = between(&vertices[*a as usize], &vertices[*b as usize]);
+        }
+    }
+}
+
+fn split_once(mesh: &Mesh, max_edge_m: f32, ends: &mut Vec<[u32; 2]>) -> Mesh {
     let mut out = Mesh {
         vertices: mesh.vertices.clone(),
         indices: Vec::new(),
@@ -47,6 +75,7 @@ fn split_once(mesh: &Mesh, max_edge_m: f32) -> Mesh {
         let mut middle = |a: u32, b: u32, out: &mut Mesh| {
             long(a, b).then(|| {
                 *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    ends.push([a, b]);
                     out.vertices
                         .push(between(&mesh.vertices[a as usize], &mesh.vertices[b as usize]));
                     out.vertices.len() as u32 - 1

@@ -1,5 +1,7 @@
 //! The scene file: which objects there are, virtual and real, and where they stand.
 
+mod animation;
+mod entry;
 mod gltf_image;
 mod gltf_lights;
 mod gltf_material;
@@ -8,23 +10,32 @@ mod gltf_vertices;
 pub mod lamp;
 mod lens_mesh;
 pub mod material;
+mod motion;
 pub mod occluders;
+mod puppet;
+mod skin;
+mod soundness;
 mod tangents;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use glam::{Affine3A, Mat3, Mat4, Vec3};
+use glam::{Affine3A, Mat3, Mat3A, Mat4, Vec3, Vec3A};
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::Rig;
 use serde::Deserialize;
 
 pub use gltf_mesh::{Mesh, Vertex};
 pub use lamp::{Carrier, Lamp, LampKind, MAX_LAMPS};
-pub use lens_mesh::subdivided;
+pub use lens_mesh::{Split, split, subdivided};
 pub use material::Material;
+pub use motion::{Motion, PathEnd, Waypoint};
+pub use puppet::Puppet;
 
 use crate::error::RenderError;
+use entry::ObjectEntry;
+use gltf_mesh::Choice;
 
 /// Whether an object is drawn or stands for a real thing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -50,6 +61,33 @@ pub enum Placement {
     },
 }
 
+/// What moves an object.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Movement {
+    /// It moves by itself.
+    pub motion: Option<Motion>,
+    /// Its marker moves, and is looked for in every picture. When it is not seen the object stays for so many seconds,
+    /// then it is gone until the marker is seen again. `None`: the marker stands where the rig says.
+    pub hold_s: Option<f64>,
+    /// Its mesh changes its shape.
+    pub puppet: Option<Arc<Puppet>>,
+}
+
+impl Movement {
+    /// Whether the object may be elsewhere from one frame to the next.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.motion.is_some() || self.hold_s.is_some() || self.puppet.is_some()
+    }
+}
+
+/// Placement of an object that is not there: all its points fall together, so that nothing is drawn, and rays and shadows
+/// leave it out.
+pub const GONE: Affine3A = Affine3A {
+    matrix3: Mat3A::ZERO,
+    translation: Vec3A::ZERO,
+};
+
 /// One object of the scene.
 #[derive(Debug, Clone)]
 pub struct Object {
@@ -59,6 +97,8 @@ pub struct Object {
     pub kind: Kind,
     /// Where it stands.
     pub placement: Placement,
+    /// How it moves from there.
+    pub movement: Movement,
     /// The glTF file that it came from.
     pub file: PathBuf,
     /// Its triangles in the object's frame, z up, metres.
@@ -89,19 +129,6 @@ struct SceneFile {
     lamps: Vec<lamp::LampEntry>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ObjectEntry {
-    name: String,
-    kind: Kind,
-    mesh: String,
-    #[serde(default)]
-    mesh_up: MeshUp,
-    world_from_object: Option<[[f64; 4]; 3]>,
-    marker: Option<u32>,
-    marker_from_object: Option<[[f64; 4]; 3]>,
-}
-
 /// Which axis of the mesh file points up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -128,8 +155,9 @@ impl Scene {
     /// Reads a scene file and the meshes beside it.
     ///
     /// # Errors
-    /// A file that cannot be read or parsed, an unknown key, a version other than 1, a duplicate name, an object with two
-    /// placements, a marker that the rig lacks, a matrix that is no rigid transform, an unusable mesh.
+    /// A file that cannot be read or parsed, an unknown key, a value out of its range, a version other than 1, a duplicate
+    /// name, an object with two placements, a marker that the rig lacks, a matrix that is no rigid transform, an unusable
+    /// mesh, a node that the file lacks.
     pub fn load(file: &Path, rig: &Rig) -> Result<Self, RenderError> {
         let text = std::fs::read_to_string(file).map_err(|source| RenderError::Read {
             file: file.to_owned(),
@@ -139,49 +167,90 @@ impl Scene {
             file: file.to_owned(),
             message,
         };
-        let parsed: SceneFile = toml::from_str(&text).map_err(|error| config_error(error.to_string()))?;
+        let mut parsed: SceneFile = toml::from_str(&text).map_err(|error| config_error(error.to_string()))?;
         if parsed.version != 1 {
             return Err(config_error(format!(
                 "`version` is {}; this program reads version 1",
                 parsed.version
             )));
         }
+        parsed.objects.retain(|entry| entry.visible);
         let mut names = HashSet::new();
         let folder = file.parent().unwrap_or(Path::new("."));
         let mut objects = Vec::with_capacity(parsed.objects.len());
         for entry in &parsed.objects {
-            let scene_error = |field, message| RenderError::Scene {
+            let scene_error = |(field, message)| RenderError::Scene {
                 file: file.to_owned(),
                 object: entry.name.clone(),
                 field,
                 message,
             };
             if !names.insert(entry.name.clone()) {
-                return Err(scene_error(
+                return Err(scene_error((
                     "name",
                     "two objects have this name; names are unique".into(),
-                ));
+                )));
             }
-            if entry.name.is_empty() || entry.name.contains(['/', '\\', '\0']) {
-                return Err(scene_error(
-                    "name",
-                    "a name is not empty and has no `/`: it becomes a file name".into(),
-                ));
-            }
-            let placement = placement(entry, rig).map_err(|(field, message)| scene_error(field, message))?;
-            let file = folder.join(&entry.mesh);
-            let mesh = gltf_mesh::load(&file, &entry.name, entry.mesh_up)?;
-            objects.push(Object {
+            entry.check().map_err(scene_error)?;
+            let placement = entry.placement(rig).map_err(scene_error)?;
+            let mut movement = entry.movement(rig).map_err(scene_error)?;
+            let mesh_file = folder.join(&entry.mesh);
+            let playing = entry.playing();
+            let choice = Choice {
+                up: entry.mesh_up,
+                node: entry.node.as_deref(),
+                playing: playing.as_ref(),
+            };
+            let mut read = gltf_mesh::load(&mesh_file, &entry.name, choice)?;
+            movement.puppet = entry.adapt(&mut read).map_err(scene_error)?;
+            let mesh = read.mesh;
+            let object = Object {
                 name: entry.name.clone(),
                 kind: entry.kind,
                 placement,
-                file,
+                movement,
+                file: mesh_file,
                 mesh,
-            });
+            };
+            soundness::check_beside(&object, &objects).map_err(scene_error)?;
+            objects.push(object);
         }
         let mut lamps = lamp::read(&parsed.lamps, (file, rig, &objects))?;
         lamps.extend(gltf_lamps(&parsed, &objects, file)?);
         Ok(Self { objects, lamps })
+    }
+
+    /// What looks wrong in the scene and works all the same, one sentence each.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        soundness::warnings(self)
+    }
+
+    /// The mesh files, with those that they name in turn, each once. What cannot be read names nothing.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<PathBuf> = Vec::new();
+        for object in &self.objects {
+            if !files.contains(&object.file) {
+                files.push(object.file.clone());
+                files.extend(gltf_mesh::files_beside(&object.file));
+            }
+        }
+        files
+    }
+
+    /// Ids of the markers that move, each once.
+    #[must_use]
+    pub fn moving_markers(&self) -> Vec<u32> {
+        let mut ids = Vec::new();
+        for object in &self.objects {
+            if let (Placement::Marker { id, .. }, Some(_)) = (object.placement, object.movement.hold_s)
+                && !ids.contains(&id)
+            {
+                ids.push(id);
+            }
+        }
+        ids
     }
 
     /// The virtual objects with their indices in [`Scene::objects`].
@@ -194,9 +263,20 @@ impl Scene {
 }
 
 impl Object {
-    /// Placement in the world, the markers standing where the rig file says.
+    /// Placement in the world at the first frame, the markers standing where the rig file says.
     #[must_use]
     pub fn world_from_object(&self, rig: &Rig) -> Affine3A {
+        let start = self
+            .movement
+            .motion
+            .as_ref()
+            .map(|motion| motion.placement_from_object(0.0));
+        self.world_from_placement(rig) * start.unwrap_or(Affine3A::IDENTITY)
+    }
+
+    /// The frame that the object's motion is relative to, the markers standing where the rig file says.
+    #[must_use]
+    pub fn world_from_placement(&self, rig: &Rig) -> Affine3A {
         let pose = match self.placement {
             Placement::World(pose) => pose,
             Placement::Marker { id, marker_from_object } => rig.marker(id).map_or(marker_from_object, |marker| {
@@ -206,29 +286,23 @@ impl Object {
         affine(&pose)
     }
 
-    /// Middle of the bounding box in the world, and the radius of the sphere around it, in metres.
+    /// Middle of the bounding box in the world at the first frame, and the radius of the sphere around it, in metres.
     #[must_use]
     pub fn bounding_sphere(&self, rig: &Rig) -> (Vec3, f32) {
-        let world_from_object = self.world_from_object(rig);
-        let points = self
-            .mesh
-            .vertices
-            .iter()
-            .map(|v| world_from_object.transform_point3(Vec3::from(v.position)));
-        let (low, high) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-        let center = 0.5 * (low + high);
-        let radius = self
-            .mesh
-            .vertices
-            .iter()
-            .map(|v| {
-                world_from_object
-                    .transform_point3(Vec3::from(v.position))
-                    .distance(center)
-            })
-            .fold(0.0, f32::max);
-        (center, radius)
+        let positions = self.mesh.vertices.iter().map(|v| Vec3::from(v.position));
+        bounding_sphere(positions, &self.world_from_object(rig))
     }
+}
+
+/// Middle of the bounding box in the world of points in an object's frame, and the radius of the sphere around it, metres.
+#[must_use]
+pub fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone, world_from_object: &Affine3A) -> (Vec3, f32) {
+    let placed = points.map(|point| world_from_object.transform_point3(point));
+    let (low, high) = placed
+        .clone()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let center = 0.5 * (low + high);
+    (center, placed.map(|p| p.distance(center)).fold(0.0, f32::max))
 }
 
 /// The same rigid transform in single precision, as the GPU takes it.
@@ -262,28 +336,4 @@ fn gltf_lamps(parsed: &SceneFile, objects: &[Object], file: &Path) -> Result<Vec
         }
     }
     Ok(lamps)
-}
-
-fn placement(entry: &ObjectEntry, rig: &Rig) -> Result<Placement, (&'static str, String)> {
-    let pose =
-        |field: &'static str, rows: &[[f64; 4]; 3]| Pose::from_rows(rows).map_err(|error| (field, error.to_string()));
-    match (&entry.world_from_object, entry.marker) {
-        (Some(_), Some(_)) => Err((
-            "marker",
-            "an object stands either at `world_from_object` or on a `marker`, not both".into(),
-        )),
-        (_, None) if entry.marker_from_object.is_some() => Err(("marker_from_object", "only with `marker`".into())),
-        (None, None) => Ok(Placement::World(Pose::identity())),
-        (Some(rows), None) => Ok(Placement::World(pose("world_from_object", rows)?)),
-        (None, Some(id)) => {
-            if rig.marker(id).is_none() {
-                return Err(("marker", format!("the rig has no marker `{id}`")));
-            }
-            let marker_from_object = match &entry.marker_from_object {
-                Some(rows) => pose("marker_from_object", rows)?,
-                None => Pose::identity(),
-            };
-            Ok(Placement::Marker { id, marker_from_object })
-        }
-    }
 }

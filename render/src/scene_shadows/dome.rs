@@ -9,6 +9,7 @@ use crate::config::ShadowConfig;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
+use crate::scene::Vertex;
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::ShadowMethod;
 use crate::shadow::casters::Casters;
@@ -59,6 +60,13 @@ impl SharedMaps {
             method: config.method,
             unshaded: Vec3::ZERO,
         })
+    }
+
+    /// Changes an object's shape.
+    pub(super) fn bend(&mut self, gpu: &Gpu, object: usize, moved: &[Vertex]) {
+        for maps in &mut self.maps {
+            maps.bend(gpu, object, moved);
+        }
     }
 
     /// Draws the maps that have changed.

@@ -19,7 +19,7 @@ use crate::passes::direct::ShadowedLight;
 use crate::passes::lens_surface::LensSurface;
 use crate::passes::protect::BrightLight;
 use crate::probe::Light;
-use crate::scene::{Kind, Scene};
+use crate::scene::{Kind, Scene, Vertex};
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::casters::Casters;
 use crate::shadow::shadow_view::{Sphere, enclosing};
@@ -186,6 +186,20 @@ impl SceneShadows {
         self.bounds = self.things.bounds();
     }
 
+    /// Changes an object's shape: the vertices of its mesh, in its own frame; to be followed by [`SceneShadows::place`].
+    pub fn bend(&mut self, gpu: &Gpu, object: usize, moved: &[Vertex]) {
+        for things in [
+            &mut self.things.phantoms,
+            &mut self.things.virtuals,
+            &mut self.things.everything,
+        ] {
+            things.bend(object, moved);
+        }
+        if let Some(maps) = &mut self.maps {
+            maps.bend(gpu, object, moved);
+        }
+    }
+
     /// Draws what all eyes share.
     pub fn record(
         &mut self,
@@ -217,7 +231,7 @@ impl SceneShadows {
                 Ok(())
             }
             (Passes::Key(key), _) => key.record(gpu, encoder, timer, (frame, &self.things, camera_from_world)),
-            (Passes::Path(path), _) => path.record(gpu, encoder, timer, frame),
+            (Passes::Path(path), _) => path.record(gpu, encoder, timer, (frame, &self.things)),
             // An eye that was made before the method changed shows the light as it was.
             (Passes::Dome(_), None) => Ok(()),
         }

@@ -35,8 +35,7 @@ struct Side {
 impl PathShadows {
     pub(super) fn new(gpu: &Gpu, things: &Things, surfaces: EyeSurfaces<'_>) -> Result<Self, RenderError> {
         let pass = IrradiancePass::new(gpu);
-        let corners = |casters: &Casters| -> Vec<[Vec3; 3]> { casters.triangles().collect() };
-        let occluders = OccluderSets::new(gpu, &corners(&things.phantoms), &corners(&things.virtuals))?;
+        let occluders = occluders(gpu, things)?;
         let size_px = surfaces.surfaces[0].views().size_px;
         let side = |index: usize| -> Result<Side, RenderError> {
             let (views, target) = (surfaces.surfaces[index].views(), &surfaces.targets[index]);
@@ -73,8 +72,11 @@ impl PathShadows {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
-        frame: &ShadowFrame<'_>,
+        (frame, things): (&ShadowFrame<'_>, &Things),
     ) -> Result<(), RenderError> {
+        if frame.is_moved {
+            self.occluders = occluders(gpu, things)?;
+        }
         let environment = EnvironmentBuffers::new(gpu, &Environment::Cube(&frame.light.far))?;
         for side in &self.sides {
             let job = IrradianceJob {
@@ -92,4 +94,10 @@ impl PathShadows {
         }
         Ok(())
     }
+}
+
+/// Real and virtual things where they are now.
+fn occluders(gpu: &Gpu, things: &Things) -> Result<OccluderSets, RenderError> {
+    let corners = |casters: &Casters| -> Vec<[Vec3; 3]> { casters.triangles().collect() };
+    OccluderSets::new(gpu, &corners(&things.phantoms), &corners(&things.virtuals))
 }

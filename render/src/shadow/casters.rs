@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec3};
 
 use crate::gpu::Gpu;
-use crate::scene::{Mesh, Scene};
+use crate::scene::{GONE, Mesh, Scene, Vertex};
 use crate::scene_gpu::{IndexRange, SceneBuffers};
 use crate::shadow::shadow_view::{Sphere, enclosing};
 
@@ -12,8 +12,9 @@ use crate::shadow::shadow_view::{Sphere, enclosing};
 pub struct Casters {
     /// Their triangles in the scene's vertex buffer.
     pub range: IndexRange,
-    /// The objects one by one.
+    /// The objects one by one, those that are gone left out.
     pub objects: Vec<Caster>,
+    away: Vec<Caster>,
 }
 
 /// One object that casts a shadow.
@@ -25,6 +26,10 @@ pub struct Caster {
     pub index: usize,
     /// Its triangles in its own frame, as the scene file gives them.
     pub mesh: Mesh,
+    /// Whether its mesh changes its shape.
+    pub bends: bool,
+    /// How often it has.
+    pub version: u32,
     /// Where it stands.
     pub world_from_object: Affine3A,
     /// Lowest and highest corner of the box around it in its own frame.
@@ -52,6 +57,8 @@ impl Casters {
                     name: object.name.clone(),
                     index,
                     mesh: object.mesh.clone(),
+                    bends: object.movement.puppet.is_some(),
+                    version: 0,
                     world_from_object: placements[index],
                     box_m,
                     sphere: sphere_around(&object.mesh, box_m),
@@ -61,14 +68,35 @@ impl Casters {
         Self {
             range: buffers.range(gpu, "casters", &chosen),
             objects,
+            away: Vec::new(),
         }
     }
 
-    /// Moves the objects: one placement per object of the scene.
+    /// Moves the objects: one placement per object of the scene; [`GONE`] ones cast no shadow until they are back.
     pub fn place(&mut self, placements: &[Affine3A]) {
+        self.objects.append(&mut self.away);
         for caster in &mut self.objects {
             caster.world_from_object = placements[caster.index];
         }
+        self.away
+            .extend(self.objects.extract_if(.., |caster| caster.world_from_object == GONE));
+        self.objects.sort_by_key(|caster| caster.index);
+    }
+
+    /// Changes an object's shape: the vertices of its mesh, in its own frame.
+    pub fn bend(&mut self, object: usize, moved: &[Vertex]) {
+        let of_object = |caster: &&mut Caster| caster.index == object;
+        if let Some(caster) = self.objects.iter_mut().chain(&mut self.away).find(of_object) {
+            caster.mesh.vertices.copy_from_slice(moved);
+            caster.box_m = box_around(&caster.mesh);
+            caster.sphere = sphere_around(&caster.mesh, caster.box_m);
+            caster.version = caster.version.wrapping_add(1);
+        }
+    }
+
+    /// All objects, those that are gone included.
+    pub fn all(&self) -> impl Iterator<Item = &Caster> {
+        self.objects.iter().chain(&self.away)
     }
 
     /// Sphere around all of them, world; a small one at the origin without any.

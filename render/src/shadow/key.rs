@@ -32,7 +32,7 @@ pub struct Job<'a> {
 ///
 /// Only shadow is told: that a surface turns away from the light is the shading's business, so methods may leave such
 /// pixels as they come.
-pub trait KeyShadow: std::fmt::Debug {
+pub trait KeyShadow: std::fmt::Debug + Send {
     /// Records the passes that fill `job.visibility`.
     ///
     /// # Errors

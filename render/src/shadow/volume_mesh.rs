@@ -79,8 +79,8 @@ struct VolumeMesh {
     drawn: Option<(Pose, VolumeDraws)>,
 }
 
-/// A mesh, recognised by where it lies in memory: meshes do not change while their casters live.
-pub(super) type MeshKey = (usize, usize, usize);
+/// A mesh, recognised by where it lies in memory and by how often it has changed its shape.
+pub(super) type MeshKey = (usize, usize, usize, u32);
 
 /// What a frame's triangles depend on: the light, the placements, and which volumes may hold the eye.
 #[derive(Debug, PartialEq)]
@@ -121,7 +121,7 @@ impl VolumeMeshes {
 
 pub(super) fn mesh_key(caster: &Caster) -> MeshKey {
     let vertices = &caster.mesh.vertices;
-    (caster.index, vertices.as_ptr() as usize, vertices.len())
+    (caster.index, vertices.as_ptr() as usize, vertices.len(), caster.version)
 }
 
 impl VolumeMesh {

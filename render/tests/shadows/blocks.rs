@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::{Affine3A, Vec3};
 use mirrorball_calib::pose::Pose;
-use mirrorball_render::scene::{Kind, Material, Mesh, Object, Placement, Scene, Vertex};
+use mirrorball_render::scene::{Kind, Material, Mesh, Movement, Object, Placement, Scene, Vertex};
 
 /// A closed box with outward normals between two corners, metres.
 pub(crate) fn block(low: Vec3, high: Vec3) -> Mesh {
@@ -63,6 +63,7 @@ pub(crate) fn scene_of(meshes: &[(&str, Mesh)]) -> (Scene, Vec<Affine3A>) {
             name: (*name).into(),
             kind: Kind::Virtual,
             placement: Placement::World(Pose::identity()),
+            movement: Movement::default(),
             file: PathBuf::new(),
             mesh: mesh.clone(),
         })

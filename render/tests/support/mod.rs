@@ -18,7 +18,7 @@ use mirrorball_capture::frame::{Exposure, Frame, FrameMeta, PixelFormat, Size};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::gpu::readback::Readback;
 use mirrorball_render::scene::occluders::Occluders;
-use mirrorball_render::scene::{Kind, Material, Mesh, Object, Placement, Scene, Vertex};
+use mirrorball_render::scene::{Kind, Material, Mesh, Movement, Object, Placement, Scene, Vertex};
 use mirrorball_render::shadow::view::View;
 
 /// Exposure of every picture: signal 0.2 per unit of radiance with the rig's sensitivity.
@@ -259,6 +259,7 @@ pub(crate) fn scene(objects: impl IntoIterator<Item = (&'static str, Kind, Mesh)
         name: name.to_owned(),
         kind,
         placement: Placement::World(Pose::identity()),
+        movement: Movement::default(),
         mesh,
     };
     Scene {

@@ -11,6 +11,7 @@ use super::{DomeCasters, DomeLight, MAX_DOME_LIGHTS};
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::timer::Timer;
+use crate::scene::Vertex;
 use crate::scene_gpu::SceneBuffers;
 use crate::shadow::shadow_view::Sphere;
 use mirrorball_calib::probe::radiance::luminance;
@@ -120,6 +121,11 @@ impl DomeMaps {
             n_shown: 0,
             bright: NONE_BRIGHT,
         })
+    }
+
+    /// Changes a caster's shape: the vertices of its mesh, in its own frame. Its shadow changes with the next maps.
+    pub fn bend(&mut self, gpu: &Gpu, object: usize, moved: &[Vertex]) {
+        self.casters.bend(gpu, object, moved);
     }
 
     /// Edge of a map, texels.

@@ -1,5 +1,6 @@
 //! Triangles behind bounding volume hierarchies, flattened for rays on the GPU (`shared/bvh.wgsl`).
 
+use std::ops::Range;
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
@@ -46,7 +47,7 @@ pub struct GpuBvhTriangle {
 }
 
 /// Hierarchies that lie in the same buffers.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Hierarchies {
     nodes: Vec<GpuBvhNode>,
     triangles: Vec<GpuBvhTriangle>,
@@ -148,6 +149,70 @@ impl Hierarchies {
         })
     }
 
+    /// How many nodes and triangles there are.
+    #[must_use]
+    pub fn lengths(&self) -> [usize; 2] {
+        [self.nodes.len(), self.triangles.len()]
+    }
+
+    /// Follows corners that have moved: triangles `range` (as [`Hierarchies::lengths`] counted them) take the places that
+    /// `place_of` has for the numbers of their corners, and the boxes above them grow or shrink; the tree stays as it was
+    /// built (Wald, Boulos, Shirley 2007, "Ray tracing deformable scenes using dynamic bounding volume hierarchies").
+    pub fn refit(
+        &mut self,
+        gpu: &Gpu,
+        buffers: &HierarchyBuffers,
+        [nodes, triangles]: [Range<usize>; 2],
+        place_of: impl Fn(u32) -> Vec3,
+    ) {
+        if triangles.is_empty() {
+            return;
+        }
+        self.follow(&nodes, &triangles, place_of);
+        let offset = |range: &Range<usize>, size: usize| (range.start * size) as u64;
+        gpu.queue.write_buffer(
+            &buffers.nodes,
+            offset(&nodes, size_of::<GpuBvhNode>()),
+            bytemuck::cast_slice(&self.nodes[nodes]),
+        );
+        gpu.queue.write_buffer(
+            &buffers.triangles,
+            offset(&triangles, size_of::<GpuBvhTriangle>()),
+            bytemuck::cast_slice(&self.triangles[triangles]),
+        );
+    }
+
+    fn follow(&mut self, nodes: &Range<usize>, triangles: &Range<usize>, place_of: impl Fn(u32) -> Vec3) {
+        for triangle in &mut self.triangles[triangles.clone()] {
+            for corner in [&mut triangle.a, &mut triangle.b, &mut triangle.c] {
+                *corner = place_of(corner.w as u32).extend(corner.w);
+            }
+        }
+        let root = self.nodes[nodes.start].link;
+        let [low, high] = self.refit_below(root);
+        (self.nodes[nodes.start].low, self.nodes[nodes.start].high) = (low, high);
+    }
+
+    /// The box around all that hangs on a link; no deeper than [`MAX_DEPTH`].
+    fn refit_below(&mut self, link: u32) -> [Vec3; 2] {
+        let (n_triangles, first) = ((link >> 24) as usize, (link & MAX_INDEX as u32) as usize);
+        let mut around = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        let mut hold = |low: Vec3, high: Vec3| around = [around[0].min(low), around[1].max(high)];
+        for triangle in &self.triangles[first..first + n_triangles] {
+            for corner in [triangle.a, triangle.b, triangle.c] {
+                hold(corner.truncate(), corner.truncate());
+            }
+        }
+        if n_triangles == 0 {
+            for child in [first, first + 1] {
+                let [low, high] = self.refit_below(self.nodes[child].link);
+                (self.nodes[child].low, self.nodes[child].high) = (low, high);
+                hold(low, high);
+            }
+        }
+        around
+    }
+
     /// Uploads all of them.
     ///
     /// # Errors
@@ -175,4 +240,46 @@ pub(super) fn within_binding(gpu: &Gpu, what: &'static str, bytes: usize) -> Res
     let limits = gpu.device.limits();
     let limit = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
     gpu.within(what, bytes as u64, limit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_follow_corners_that_move() {
+        let node = |link: u32| GpuBvhNode {
+            link,
+            ..GpuBvhNode::zeroed()
+        };
+        // A root over two leaves of a triangle each; corners numbered 0 to 5.
+        let triangle = |first: f32| GpuBvhTriangle {
+            a: Vec4::W * first,
+            b: Vec4::W * (first + 1.0),
+            c: Vec4::W * (first + 2.0),
+        };
+        let mut hierarchies = Hierarchies {
+            nodes: vec![node(1), node(1 << 24), node(1 << 24 | 1)],
+            triangles: vec![triangle(0.0), triangle(3.0)],
+        };
+        let places = [
+            Vec3::ZERO,
+            Vec3::X,
+            Vec3::Y,
+            5.0 * Vec3::Z,
+            7.0 * Vec3::Z,
+            Vec3::new(1.0, -2.0, 6.0),
+        ];
+        hierarchies.follow(&(0..3), &(0..2), |corner| places[corner as usize]);
+        let boxes: Vec<[Vec3; 2]> = hierarchies.nodes.iter().map(|node| [node.low, node.high]).collect();
+        let second = [Vec3::new(0.0, -2.0, 5.0), Vec3::new(1.0, 0.0, 7.0)];
+        assert_eq!(boxes[1], [Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)]);
+        assert_eq!(boxes[2], second);
+        assert_eq!(boxes[0], [second[0].min(Vec3::ZERO), second[1].max(boxes[1][1])]);
+        assert_eq!(
+            hierarchies.triangles[1].c,
+            places[5].extend(5.0),
+            "corners keep their numbers"
+        );
+    }
 }

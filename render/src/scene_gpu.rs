@@ -12,7 +12,7 @@ use crate::gpu::pass::TextureShape;
 use crate::gpu::types::{GpuObject, MAX_ENVIRONMENTS};
 use crate::passes::lamp_light::GpuLamps;
 use crate::scene::material::Alpha;
-use crate::scene::{Kind, MAX_LAMPS, Mesh, Scene, Split, Vertex, split};
+use crate::scene::{Kind, MAX_LAMPS, Material, Mesh, Scene, Split, Vertex, split};
 use crate::scene_materials::SceneMaterials;
 
 /// Longest edge of a triangle before it is split for the lens, metres.
@@ -156,27 +156,13 @@ impl SceneBuffers {
         objects.push(GpuObject::new(Affine3A::IDENTITY, 0, 0));
         let is_blended = |triangle: &[u32]| {
             let material = vertices[triangle[0] as usize].material;
-            matches!(materials[material as usize].alpha, Alpha::Blend)
+            let of: Option<&Material> = materials.get(material as usize);
+            of.is_some_and(|of| matches!(of.alpha, Alpha::Blend))
         };
-        let opaque: Vec<u32> = virtuals
-            .chunks_exact(3)
-            .filter(|t| !is_blended(t))
-            .flatten()
-            .copied()
-            .collect();
-        let blended = (0..of_object.len())
-            .filter(|&object| slots[object][1] == 1)
-            .filter_map(|object| {
-                let own = of_object[object]
-                    .chunks_exact(3)
-                    .filter(|t| is_blended(t))
-                    .flatten()
-                    .copied();
-                Blended::new(gpu, object, &vertices, &own.collect::<Vec<u32>>())
-            })
-            .collect();
+        let (over, opaque): (Vec<&[u32]>, Vec<&[u32]>) = virtuals.chunks_exact(3).partition(|t| is_blended(t));
+        let blended = Blended::by_object(gpu, &vertices, &over.concat());
         Ok(Self {
-            opaque: IndexRange::new(gpu, "scene: opaque triangles", &opaque),
+            opaque: IndexRange::new(gpu, "scene: opaque triangles", &opaque.concat()),
             blended,
             vertices: gpu.buffer("scene: vertices", &or_one(vertices.clone())),
             kept: vertices,
@@ -185,9 +171,7 @@ impl SceneBuffers {
             of_object,
             bending,
             slots,
-            has_glass: materials
-                .iter()
-                .any(|material: &crate::scene::Material| material.transmission > 0.0),
+            has_glass: materials.iter().any(|material: &Material| material.transmission > 0.0),
             objects: gpu.buffer("scene: objects", &objects),
             materials: SceneMaterials::new(gpu, &materials)?,
             lamps: gpu.buffer("scene: lamps", &[<GpuLamps as bytemuck::Zeroable>::zeroed()]),
@@ -255,13 +239,21 @@ impl SceneBuffers {
 }
 
 impl Blended {
-    fn new(gpu: &Gpu, object: usize, vertices: &[Vertex], indices: &[u32]) -> Option<Self> {
-        let places = indices.iter().map(|&i| Vec3::from(vertices[i as usize].position));
-        (!indices.is_empty()).then(|| Self {
-            object,
-            triangles: IndexRange::new(gpu, "scene: blended triangles", indices),
-            middle_m: places.sum::<Vec3>() / indices.len() as f32,
-        })
+    /// Triangles that lie object by object, apart.
+    fn by_object(gpu: &Gpu, vertices: &[Vertex], indices: &[u32]) -> Vec<Self> {
+        let object = |index: u32| vertices[index as usize].object;
+        indices
+            .chunk_by(|&one, &next| object(one) == object(next))
+            .map(|own| Self {
+                object: object(own[0]) as usize,
+                triangles: IndexRange::new(gpu, "scene: blended triangles", own),
+                middle_m: own
+                    .iter()
+                    .map(|&i| Vec3::from(vertices[i as usize].position))
+                    .sum::<Vec3>()
+                    / own.len() as f32,
+            })
+            .collect()
     }
 }
 

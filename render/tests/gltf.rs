@@ -1,5 +1,7 @@
 //! glTF files as objects of a scene: materials, vertices, and what is wrong with a file.
 
+#![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
+
 mod support;
 
 use std::path::Path;
@@ -109,18 +111,9 @@ fn grey(edge: u32) -> image::DynamicImage {
     image::DynamicImage::ImageLuma8(image::GrayImage::from_pixel(edge, edge, image::Luma([128])))
 }
 
-#[test]
-fn a_material_with_everything_is_read() {
-    let mut file = File::new();
-    let grey = file.picture("grey.png", &grey(4));
-    let deep = image::ImageBuffer::from_pixel(2, 2, image::Rgba([65535u16, 32768, 0, 65535]));
-    let deep = file.picture("deep.png", &image::DynamicImage::ImageRgba16(deep));
-    let photo = image::RgbImage::from_pixel(8, 8, image::Rgb([200, 100, 50]));
-    let photo = file.picture("photo.jpg", &image::DynamicImage::ImageRgb8(photo));
-    file.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33648}]);
-    file.json["textures"][photo]["sampler"] = json!(0);
-    file.json["extensionsRequired"] = json!(["KHR_materials_clearcoat", "KHR_texture_transform"]);
-    file.material(json!({
+/// A material that says all it can with three textures.
+fn everything([grey, deep, photo]: [usize; 3]) -> Value {
+    json!({
         "pbrMetallicRoughness": {
             "baseColorFactor": [0.5, 0.6, 0.7, 0.8],
             "baseColorTexture": {"index": photo, "texCoord": 1},
@@ -144,7 +137,21 @@ fn a_material_with_everything_is_read() {
             "KHR_materials_transmission": {"transmissionFactor": 0.7},
             "KHR_materials_volume": {"thicknessFactor": 0.01, "attenuationDistance": 0.1, "attenuationColor": [0.9, 0.8, 0.7]},
         },
-    }));
+    })
+}
+
+#[test]
+fn a_material_with_everything_is_read() {
+    let mut file = File::new();
+    let grey = file.picture("grey.png", &grey(4));
+    let deep = image::ImageBuffer::from_pixel(2, 2, image::Rgba([65535u16, 32768, 0, 65535]));
+    let deep = file.picture("deep.png", &image::DynamicImage::ImageRgba16(deep));
+    let photo = image::RgbImage::from_pixel(8, 8, image::Rgb([200, 100, 50]));
+    let photo = file.picture("photo.jpg", &image::DynamicImage::ImageRgb8(photo));
+    file.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33648}]);
+    file.json["textures"][photo]["sampler"] = json!(0);
+    file.json["extensionsRequired"] = json!(["KHR_materials_clearcoat", "KHR_texture_transform"]);
+    file.material(everything([grey, deep, photo]));
     let mesh = file.load().unwrap();
     let [material] = &mesh.materials[..] else {
         panic!("one material")
@@ -302,7 +309,11 @@ fn a_missing_or_broken_picture_is_named_with_its_node_and_material() {
         }
     }
     file.material(json!({"emissiveTexture": {"index": 7}}));
-    assert!(file.error().contains("7"), "{}", file.error());
+    let message = file.error();
+    assert!(message.contains("emissiveTexture.index"), "{message}");
+    file.material(json!({"extensions": {"KHR_materials_clearcoat": {"clearcoatTexture": {"index": 7}}}}));
+    let message = file.error();
+    assert!(message.contains("there is no texture 7"), "{message}");
 }
 
 #[test]

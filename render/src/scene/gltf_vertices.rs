@@ -2,6 +2,7 @@
 
 use glam::{Mat3, Mat4, Vec3, Vec4};
 use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::mesh::util::{ReadColors, ReadTexCoords};
 use gltf::{Primitive, Semantic};
 
 use super::material::UvSet;
@@ -49,21 +50,21 @@ pub(super) fn read(primitive: &Primitive<'_>, buffers: &[gltf::buffer::Data]) ->
     let vertices = &mut triangles.vertices;
     fill(vertices, reader.read_normals(), |vertex, normal| vertex.normal = normal);
     fill(vertices, reader.read_tangents(), |vertex, tangent| {
-        vertex.tangent = tangent
+        vertex.tangent = tangent;
     });
     fill(
         vertices,
-        reader.read_tex_coords(0).map(|t| t.into_f32()),
+        reader.read_tex_coords(0).map(ReadTexCoords::into_f32),
         |vertex, uv| vertex.uv = uv,
     );
     fill(
         vertices,
-        reader.read_tex_coords(1).map(|t| t.into_f32()),
+        reader.read_tex_coords(1).map(ReadTexCoords::into_f32),
         |vertex, uv| vertex.uv1 = uv,
     );
     fill(
         vertices,
-        reader.read_colors(0).map(|c| c.into_rgba_f32()),
+        reader.read_colors(0).map(ReadColors::into_rgba_f32),
         |vertex, color| {
             vertex.color = color;
         },

@@ -1,7 +1,5 @@
 //! Materials: shaders against their twins, what keeps all light, pictures of spheres, and the path tracer as the judge.
 
-#![expect(clippy::unwrap_used, reason = "tests may; this covers their own functions too")]
-
 mod coverage;
 mod pictures;
 mod points;

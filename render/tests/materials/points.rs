@@ -122,7 +122,7 @@ impl Point {
     }
 
     fn surface_light(&self) -> SurfaceLight {
-        let [irradiance, mirrored, coat_mirrored, through] = self.light.map(|l| l.xyz());
+        let [irradiance, mirrored, coat_mirrored, through] = self.light.map(Vec4Swizzles::xyz);
         SurfaceLight {
             irradiance,
             mirrored,
@@ -198,7 +198,11 @@ fn texture(seed: usize) -> Texture {
     const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp];
     Texture {
         image: picture(seed),
-        uv_set: if seed % 2 == 0 { UvSet::First } else { UvSet::Second },
+        uv_set: if seed.is_multiple_of(2) {
+            UvSet::First
+        } else {
+            UvSet::Second
+        },
         picture_from_uv: Affine2::from_mat2_translation(
             Mat2::from_angle(seed as f32) * Mat2::from_diagonal(Vec2::new(0.7, 1.3)),
             Vec2::new(0.1 * seed as f32, -0.2),

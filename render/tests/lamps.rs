@@ -367,7 +367,7 @@ fn albedo_and_added_light_equal_their_twin_and_have_bounds() {
         .collect();
     // Next to no light, some, a lot; every seventh pixel is no phantom.
     let row = |i: usize| i / SIZE[0];
-    let room = |i: usize| Vec4::splat([0.001, 1.0, 9.0][row(i) / 80]).with_w(f32::from(i % 7 != 0));
+    let room = |i: usize| Vec4::splat([0.001, 1.0, 9.0][row(i) / 80]).with_w(f32::from(!i.is_multiple_of(7)));
     let Some([albedo, added]) = received(&rig, &codes, room) else {
         return;
     };
@@ -376,7 +376,7 @@ fn albedo_and_added_light_equal_their_twin_and_have_bounds() {
         |i: usize| (2..6).contains(&(i % 8)) && (2..6).contains(&(row(i) % 8)) && (8..72).contains(&(row(i) % 80));
     let mut errors = Vec::new();
     for i in (0..N_PIXELS).filter(|&i| is_within(i)) {
-        if i % 7 == 0 {
+        if i.is_multiple_of(7) {
             assert!(
                 albedo[i] == Vec4::ZERO && added[i].xyz() == Vec3::ZERO,
                 "pixel {i} is no phantom"

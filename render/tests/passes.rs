@@ -411,6 +411,25 @@ fn ratios_on_phantoms_equal_cast_shadows() {
 
 // ---- composite -------------------------------------------------------------------------------------------------------
 
+/// The finished picture as RGBA codes.
+fn composed(stage: &Stage, picture: &PictureBuffers) -> Vec<u8> {
+    let pass = Composite::new(
+        &stage.gpu,
+        &stage.camera,
+        picture,
+        (&stage.shade, &stage.receive),
+        [320, 240],
+    );
+    let mut encoder = stage
+        .gpu
+        .device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
+    pass.codes().record(&mut encoder);
+    stage.gpu.queue.submit([encoder.finish()]);
+    pass.codes().read(&stage.gpu).unwrap()
+}
+
 #[test]
 fn composite_equals_its_twin() {
     let Some(gpu) = support::gpu() else { return };
@@ -454,21 +473,7 @@ fn composite_equals_its_twin() {
     support::write_texture(&stage.gpu, stage.shade.radiance().texture(), &over);
     let gpu_camera = GpuCamera::new(camera, &Pose::identity(), &EXPOSURE, [0.02, 20.0]);
     stage.gpu.write(&stage.camera, &[gpu_camera]);
-    let pass = Composite::new(
-        &stage.gpu,
-        &stage.camera,
-        &picture,
-        (&stage.shade, &stage.receive),
-        [320, 240],
-    );
-    let mut encoder = stage
-        .gpu
-        .device
-        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
-    pass.codes().record(&mut encoder);
-    stage.gpu.queue.submit([encoder.finish()]);
-    let rgba = pass.codes().read(&stage.gpu).unwrap();
+    let rgba = composed(&stage, &picture);
     let mut errors = Vec::new();
     for i in 0..n {
         let code = [codes[3 * i], codes[3 * i + 1], codes[3 * i + 2]];

@@ -1,7 +1,7 @@
 //! CPU twins of the passes: plain, slow, obviously right.
 //!
-//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs` and
-//! `tests/comparison_maps.rs` compare the three.
+//! Each file has the stem of its pass and of its shader; `tests/passes.rs`, `tests/light_maps.rs`,
+//! `tests/comparison_maps.rs` and `tests/look.rs` compare the three.
 //! Passes that only draw (`camera_depth`, `present`) have none.
 
 pub mod composite;

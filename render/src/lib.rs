@@ -14,6 +14,7 @@
 //! - [`near`]: light that near things throw on each other;
 //! - [`shadow`]: every way to draw a shadow; [`scene_shadows`]: any of them in the camera's picture; [`lab`]: all of them on
 //!   one scene without cameras, to be compared;
+//! - [`look`]: what the camera does to light, so that virtual pixels look taken by it;
 //! - [`output`]: files and window.
 //!
 //! Conventions are those of `mirrorball_calib`: world = main marker, z out of the paper; camera x right, y down, z forward;

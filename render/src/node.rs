@@ -60,7 +60,7 @@ pub struct RenderedFrame {
     pub size_px: [u32; 2],
     /// The picture, 8-bit RGBA, rows from the top: encoded as the camera encodes, in VR and optical modes in sRGB.
     pub rgba: Vec<u8>,
-    /// Milliseconds: `track`, `light`, `draw` and `total` by the clock, then every pass by the GPU under its own name.
+    /// Milliseconds: `track`, `look`, `light`, `draw` and `total` by the clock, then every pass by the GPU under its own name.
     pub stages_ms: Vec<(&'static str, f64)>,
 }
 

@@ -3,7 +3,7 @@
 
 mod support;
 
-use glam::{DMat2, DVec2, DVec3, IVec2, Vec3, Vec4};
+use glam::{DMat2, DMat3, DVec2, DVec3, IVec2, Vec3, Vec4};
 use mirrorball_calib::photometry::Photometry;
 use mirrorball_calib::pose::Pose;
 use mirrorball_calib::rig::{Camera, Marker, Rig};
@@ -98,7 +98,7 @@ impl Table {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         pass.record(&mut encoder, &mut Timer::new(gpu));
         gpu.queue.submit([encoder.finish()]);
-        let rgba = pass.read(gpu).unwrap();
+        let rgba = pass.read(gpu).expect("the device works");
         rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect()
     }
 
@@ -122,7 +122,6 @@ impl Table {
 /// Of [`N`] numbers with mean 0 and variance 1 the mean's σ is 0.0036 and that of the mean square 0.0051. The mean of what is
 /// rounded on a curve is off by a hundredth of σ; a code's own width stands for its neighbours'.
 fn assert_like_the_sensor(what: &str, [mean, square]: [DVec3; 2]) {
-    println!("{what}: mean {mean:.4}, mean square {square:.4}");
     assert!(mean.abs().max_element() < 3.0 * 0.0036 + 0.01, "{what}: mean {mean}");
     assert!(
         (square - 1.0).abs().max_element() < 3.0 * 0.0051 + 0.01,
@@ -272,8 +271,9 @@ fn blur_equals_its_twin_keeps_energy_and_leaves_what_is_flat_alone() {
         // Three stores as half floats, which may round either way: 2^-11 each.
         assert!(errors.worst < 1.5e-3, "{errors:?}");
         let [before, after] = [&picture, &found].map(|of| of.iter().sum::<Vec4>());
+        // The same roundings, all in one direction.
         assert!(
-            (after / before - 1.0).abs().max_element() < 1e-3,
+            (after / before - 1.0).abs().max_element() < 1.5e-3,
             "{before} became {after}"
         );
         let reach = 4.0 * eigenvalues[0].sqrt() + 8.0;
@@ -326,8 +326,7 @@ fn camera_from_world() -> Pose {
 /// The rig of the tests with its second marker turned, so that edges have four directions, and a noisy sensor.
 fn turned_rig() -> Rig {
     let mut rig = support::rig();
-    let turn = DVec3::new(0.0, 0.0, 35f64.to_radians());
-    rig.markers[1].world_from_marker.rotation = glam::DMat3::from_rotation_z(turn.z);
+    rig.markers[1].world_from_marker.rotation = DMat3::from_rotation_z(35f64.to_radians());
     for camera in &mut rig.cameras {
         camera.photometry.read_noise_e = 6.0;
     }
@@ -421,7 +420,7 @@ fn a_picture_without_markers_tells_no_sharpness() {
 /// A dark virtual plate beside the markers, with edges like a marker's.
 fn plate(rig: &Rig) -> (Marker, mirrorball_render::scene::Scene) {
     let side_m = 0.07;
-    let mut marker = rig.markers[0].clone();
+    let mut marker = rig.markers[0];
     marker.side_m = side_m;
     marker.world_from_marker.translation = DVec3::new(-0.11, 0.02, 0.001);
     let half = Vec3::splat(0.5 * side_m as f32);
@@ -457,8 +456,7 @@ fn a_virtual_edge_is_as_blurred_as_the_markers_beside_it() {
         let pose = *rendered.pose.camera_from_world().expect("the markers are found");
         let codes = rendered.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
         let finished = support::frame_of(rig.scene_camera(), 7, codes);
-        let found =
-            measure(&finished, rig.scene_camera(), &[edges.clone()], &pose).expect("the plate's edges are seen");
+        let found = measure(&finished, rig.scene_camera(), &[edges], &pose).expect("the plate's edges are seen");
         println!(
             "{eigenvalues:?}, {sharpness:?}: the virtual edges have {:.3}",
             found.covariance_px2

@@ -16,6 +16,13 @@ const LARGEST_OFFSET_PX: f64 = 1.0;
 /// Share of the contrast that the fit may miss, root mean square: beyond, this is no edge between two levels.
 const LARGEST_MISFIT: f64 = 0.1;
 
+/// White less black that an edge must have, a share of full scale.
+const LEAST_CONTRAST: f64 = 0.02;
+/// Standard deviations from an edge at which its levels count as seen.
+const LEVELS_BEGIN: f64 = 1.5;
+/// Pixels that a fit must rest on: three for each of its numbers.
+const LEAST_SAMPLES: usize = 12;
+
 /// A pixel near an edge.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
@@ -38,49 +45,47 @@ pub(super) struct EdgeBlur {
 ///
 /// `None` where there are too few pixels, no contrast, another edge, or so much blur that the pixels do not reach the levels.
 pub(super) fn fit(samples: &[Sample], normal: DVec2, reach_px: f64) -> Option<EdgeBlur> {
-    if samples.len() < 12 {
+    if samples.len() < LEAST_SAMPLES {
         return None;
     }
     let shape = PixelShape::across(normal);
     let mut at = start(samples, reach_px)?;
-    let mut cost = normal_equations(samples, &shape, at).cost;
+    let mut equations = normal_equations(samples, &shape, at);
     let mut damping = 1e-3;
     for _ in 0..STEPS {
-        let equations = normal_equations(samples, &shape, at);
         let diagonal = DMat4::from_diagonal(DVec4::from_array([0, 1, 2, 3].map(|i| equations.matrix.col(i)[i])));
-        let step = (equations.matrix + damping * diagonal).inverse() * equations.gradient;
-        let mut next = at + step;
+        let mut next = at + (equations.matrix + damping * diagonal).inverse() * equations.gradient;
         next.w = next.w.max(LEAST_VARIANCE_PX2);
-        let next_cost = normal_equations(samples, &shape, next).cost;
-        if next_cost < cost {
-            let is_done = cost - next_cost < 1e-6 * cost;
-            (at, cost, damping) = (next, next_cost, 0.1 * damping);
-            if is_done {
+        let after = normal_equations(samples, &shape, next);
+        let gain = equations.cost - after.cost;
+        if gain > 0.0 {
+            (at, equations, damping) = (next, after, 0.1 * damping);
+            if gain < 1e-4 * equations.cost {
                 break;
             }
         } else {
             damping *= 10.0;
-            if !(damping < 1e6) {
+            if damping > 1e6 {
                 break;
             }
         }
     }
-    judged(samples, &shape, at, reach_px)
+    let noise = equations.cost / (samples.len() - 4) as f64;
+    let sigma_px2 = (noise * equations.matrix.inverse().w_axis.w).sqrt();
+    (is_edge(at, noise, reach_px) && sigma_px2.is_finite()).then_some(EdgeBlur {
+        variance_px2: at.w,
+        sigma_px2,
+    })
 }
 
-/// What a fit is worth.
-fn judged(samples: &[Sample], shape: &PixelShape, at: DVec4, reach_px: f64) -> Option<EdgeBlur> {
-    let [black, white, offset, variance] = at.to_array();
-    let equations = normal_equations(samples, shape, at);
-    let noise = equations.cost / (samples.len() - 4) as f64;
+/// Whether a fit that leaves the mean square `noise` shows one edge between two levels, both of which are seen.
+fn is_edge(fitted: DVec4, noise: f64, reach_px: f64) -> bool {
+    let [black, white, offset, variance] = fitted.to_array();
     let contrast = white - black;
-    let sees_both_levels = 1.5 * (variance + 1.0 / 12.0).sqrt() + offset.abs() <= reach_px;
-    let is_edge = contrast > 0.02 && noise.sqrt() < LARGEST_MISFIT * contrast && offset.abs() < LARGEST_OFFSET_PX;
-    let sigma = (noise * equations.matrix.inverse().w_axis.w).sqrt();
-    (is_edge && sees_both_levels && sigma.is_finite()).then_some(EdgeBlur {
-        variance_px2: variance,
-        sigma_px2: sigma,
-    })
+    contrast > LEAST_CONTRAST
+        && noise.sqrt() < LARGEST_MISFIT * contrast
+        && offset.abs() < LARGEST_OFFSET_PX
+        && LEVELS_BEGIN * (variance + 1.0 / 12.0).sqrt() + offset.abs() <= reach_px
 }
 
 /// Black, white, offset and variance to begin with.

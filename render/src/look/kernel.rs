@@ -3,8 +3,10 @@
 //! Selling's decomposition writes a symmetric positive definite matrix as a sum of `λ e eᵀ` over three directions `e` of
 //! whole numbers with `λ ≥ 0` (Selling 1874; Fehrenbach and Mirebeau 2014, "Sparse non-negative stencils for anisotropic
 //! diffusion"). A line of taps along each `e`, of variance `λ` in steps, then blurs with just that covariance: variances
-//! add up. On a line the taps are those of the discrete Gaussian `exp(-λ) I_n(λ)`, which has the variance λ however small
-//! it is, where samples of the continuous one do not (Lindeberg 1990, "Scale-space for discrete signals").
+//! add up. The taps are `exp(-n² / 2s)`, the normal distribution on whole numbers, with s such that their variance is λ
+//! however small it is; for λ above 0.4 that is s = λ. Bessel's taps `exp(-λ) I_n(λ)` (Lindeberg 1990) have that variance
+//! too, but a higher peak and longer tails: fitted with a Gaussian, an edge blurred with λ = 0.8 px² has 0.63 px² by them and
+//! 0.80 px² by these. Below 0.3 px² the pixels are too coarse, and an edge looks up to 0.1 px² sharper than asked for.
 
 use glam::{DMat2, DVec2, IVec2};
 
@@ -50,7 +52,7 @@ pub fn lines(covariance_px2: DMat2) -> [Line; 3] {
     }
     [[1, 2, 0], [0, 2, 1], [0, 1, 2]].map(|[i, j, other]| Line {
         step_px: base[other].perp(),
-        weights: discrete_gaussian(-product(base[i], base[j])),
+        weights: normal_on_steps(-product(base[i], base[j])),
     })
 }
 
@@ -76,24 +78,35 @@ fn drawable(covariance: DMat2) -> DMat2 {
     from_eigen([along, across.clamp(along / LARGEST_ASPECT, along)], direction)
 }
 
-/// `exp(-t) I_n(t)` from n = 0 on, cut off where nothing is left and made to sum up to 1 with both sides.
-fn discrete_gaussian(variance: f64) -> Vec<f64> {
+/// `exp(-n² / 2s)` from n = 0 on, of this variance, cut off where nothing is left and made to sum up to 1 with both sides.
+fn normal_on_steps(variance: f64) -> Vec<f64> {
     if variance < LEAST_VARIANCE {
         return vec![1.0];
     }
     let n = ((4.0 * variance.sqrt()).ceil() as usize + 2).min(LINE_WEIGHTS);
-    // Miller's backward recurrence (Abramowitz and Stegun 1964, 9.6.26 and 9.12); it forgets where it started in a dozen.
-    let mut weights = vec![0.0; n];
-    let (mut above, mut here) = (0.0, 1e-280);
-    for order in (0..n + 12).rev() {
-        (above, here) = (here, above + 2.0 * (order as f64 + 1.0) / variance * here);
-        if order < n {
-            weights[order] = here;
+    let weights = |s: f64| -> Vec<f64> {
+        let raw: Vec<f64> = (0..n).map(|i| (-0.5 * (i * i) as f64 / s).exp()).collect();
+        let total = 2.0 * raw.iter().sum::<f64>() - raw[0];
+        raw.iter().map(|weight| weight / total).collect()
+    };
+    let variance_of = |s: f64| -> f64 {
+        let of = weights(s);
+        of.iter()
+            .enumerate()
+            .map(|(i, weight)| 2.0 * (i * i) as f64 * weight)
+            .sum()
+    };
+    // The variance grows with s: halves of an interval that holds every variance from the least on.
+    let (mut low, mut high) = (0.01, 2.0 * variance + 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if variance_of(middle) < variance {
+            low = middle;
+        } else {
+            high = middle;
         }
     }
-    let total = 2.0 * weights.iter().sum::<f64>() - weights[0];
-    weights.iter_mut().for_each(|weight| *weight /= total);
-    weights
+    weights(0.5 * (low + high))
 }
 
 #[cfg(test)]
@@ -151,7 +164,7 @@ mod tests {
 
     #[test]
     fn half_of_a_small_variance_goes_to_either_neighbour() {
-        let weights = discrete_gaussian(0.04);
+        let weights = normal_on_steps(0.04);
         assert!((weights[1] - 0.02).abs() < 1e-3, "{weights:?}");
     }
 }

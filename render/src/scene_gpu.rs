@@ -138,7 +138,7 @@ impl SceneBuffers {
             };
             let own: Vec<u32> = finite_triangles(&mesh).map(|i| first_vertex + i).collect();
             indices.extend_from_slice(&own);
-            bending.push(object.movement.puppet.is_some().then(|| Bending {
+            bending.push(object.movement.puppet.is_some().then_some(Bending {
                 range: first_vertex as usize..vertices.len(),
                 ends,
             }));

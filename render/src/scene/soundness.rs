@@ -63,13 +63,13 @@ fn phantom_warnings(object: &Object) -> Vec<String> {
     let mut warnings = Vec::new();
     if parts.open > 0 {
         warnings.push(format!(
-            "phantom `{}`: {} of its {} parts have open edges; light gets in where a face is missing",
+            "phantom `{}`: open edges in {} of its {} parts; light gets in where a face is missing",
             object.name, parts.open, parts.n
         ));
     }
     if parts.inside_out > 0 {
         warnings.push(format!(
-            "phantom `{}`: {} of its {} parts are inside out; turn their faces over in the program that made the mesh",
+            "phantom `{}`: faces look inwards in {} of its {} parts; turn them over in the program that made the mesh",
             object.name, parts.inside_out, parts.n
         ));
     }

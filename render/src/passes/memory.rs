@@ -52,7 +52,8 @@ impl Memory {
         let [ratios, remembered] = ["memory: ratios", "memory: radiance"].map(|label| gpu.storage(label, bytes));
         let means = gpu.storage("memory: means", 16 * parts.ranges.len().max(1) as u64);
         let facts = gpu.buffer("memory: vertices", &parts.facts);
-        let or_one = |items: &[u32]| if items.is_empty() { vec![0] } else { items.to_vec() };
+        // A scene without phantoms has one empty part.
+        let or_one = |items: &[u32]| if items.is_empty() { vec![0; 2] } else { items.to_vec() };
         let members = gpu.buffer("memory: members", &or_one(&parts.members));
         let ranges = gpu.buffer("memory: parts", &or_one(parts.ranges.as_flattened()));
         let counts = gpu.buffer("memory: counts", &[[inputs.environments.slots.len() as u32, 0, 0, 0]]);

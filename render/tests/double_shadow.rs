@@ -37,7 +37,7 @@ fn rig() -> Rig {
         .replacen("focal_px = [322.0, 321.0]", "focal_px = [320.0, 320.0]", 1)
         .replacen("[161.3, 118.6]", "[159.5, 119.5]", 1)
         .replacen("[-0.05, 0.02, -0.0004, 0.0003, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]", 1);
-    Rig::from_toml(&text, Path::new("rig.toml")).unwrap()
+    Rig::from_toml(&text, Path::new("rig.toml")).expect("the rig of the tests is valid")
 }
 
 /// The light, and the direction of its lamp.
@@ -132,7 +132,7 @@ fn photographs() -> Option<&'static Photographs> {
                     max_bounces: 3,
                     ..PathSettings::default()
                 };
-                let traced = TracedScene::new(&gpu, (scene, &placements), settings.surfaces).unwrap();
+                let traced = TracedScene::new(&gpu, (scene, &placements), settings.surfaces).expect("the scene fits");
                 let height_rad = 2.0 * (120.0f32 / 320.0).atan();
                 let job = PathJob {
                     view: &View::looking_at(EYE.as_vec3(), TARGET.as_vec3(), height_rad, [320, 240]),
@@ -141,7 +141,7 @@ fn photographs() -> Option<&'static Photographs> {
                     settings,
                     target: None,
                 };
-                let picture = tracer.render(&gpu, &traced, &job).unwrap();
+                let picture = tracer.render(&gpu, &traced, &job).expect("the device works");
                 let radiance: Vec<Vec3> = picture.radiance.iter().map(|r| r.truncate()).collect();
                 developed(scene, &radiance)
             };
@@ -216,11 +216,13 @@ fn composite(phantoms: &[Thing], protection: Protection) -> Option<Vec<u8>> {
 fn rendered(scene: &Scene, config: RenderConfig) -> Option<Vec<u8>> {
     let rig = rig();
     let mut node = RenderNode::new(support::gpu()?, rig.clone(), scene, config)
-        .unwrap()
+        .expect("the rig has a probe")
         .with_light(light().0);
-    let probe = support::frame(rig.probe_camera().unwrap(), 3, 1, |_| DVec3::splat(1.0));
+    let probe = support::frame(rig.probe_camera().expect("the rig has a probe camera"), 3, 1, |_| {
+        DVec3::splat(1.0)
+    });
     let frames = vec![photographs()?.before.clone(), probe];
-    let frame = node.render(&FrameSet { frames }).unwrap();
+    let frame = node.render(&FrameSet { frames }).expect("the frames fit the rig");
     let pose = frame.pose.camera_from_world().expect("the markers are seen");
     let off_m = (pose.inverse().translation - EYE).length();
     assert!(off_m < 2e-3, "the camera is {off_m} m off");
@@ -280,7 +282,7 @@ fn ground_pixels() -> Vec<GroundPixel> {
                 .scene_camera()
                 .intrinsics
                 .unproject(middle + DVec2::new(dx, dy))
-                .unwrap();
+                .expect("every pixel has a ray");
             let direction = world_from_camera.transform_vector(ray);
             EYE - direction * (EYE.z / direction.z)
         };
@@ -476,7 +478,7 @@ fn verdicts(gpu: &Gpu, grid: [u32; 4], cells: &[GpuCell]) -> Vec<Vec4> {
     out.record(&mut encoder);
     gpu.queue.submit([encoder.finish()]);
     let mut found = vec![Vec4::ZERO; cells.len()];
-    out.read(gpu, &mut found).unwrap();
+    out.read(gpu, &mut found).expect("the device works");
     found
 }
 

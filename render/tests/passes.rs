@@ -426,7 +426,7 @@ fn composed(stage: &Stage, picture: &PictureBuffers) -> Vec<u8> {
         .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
     stage.gpu.queue.submit([encoder.finish()]);
-    pass.read(&stage.gpu).unwrap()
+    pass.read(&stage.gpu).expect("the device works")
 }
 
 #[test]

@@ -427,7 +427,7 @@ fn composed(stage: &Stage, picture: &PictureBuffers) -> Vec<u8> {
     pass.record(&mut encoder, &mut Timer::new(&stage.gpu));
     pass.codes().record(&mut encoder);
     stage.gpu.queue.submit([encoder.finish()]);
-    pass.codes().read(&stage.gpu).unwrap()
+    pass.codes().read(&stage.gpu).expect("the device works")
 }
 
 #[test]

@@ -28,7 +28,7 @@ pub struct Gpu {
     /// Whether passes can be timed on the device.
     pub has_timestamps: bool,
     /// Buffers, textures, pipelines, samplers and bindings made so far.
-    n_made: AtomicU64,
+    n_made: Arc<AtomicU64>,
     /// The first thing that the device complained of.
     complaint: Arc<Mutex<Option<String>>>,
 }
@@ -81,7 +81,7 @@ impl Gpu {
             queue,
             name,
             has_timestamps,
-            n_made: AtomicU64::new(0),
+            n_made: Arc::new(AtomicU64::new(0)),
             complaint,
         })
     }

@@ -22,7 +22,7 @@ pub struct Inputs<'a> {
 }
 
 /// Irradiance from afar on what one pass draws, per pixel of the camera's picture; linear RGB.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ShadowedLight {
     /// Past the real things alone.
     pub without: wgpu::TextureView,
@@ -69,12 +69,8 @@ impl ShadowedLight {
     #[must_use]
     pub fn with_near(&self, near: &wgpu::TextureView) -> Self {
         Self {
-            without: self.without.clone(),
-            with_virtual: self.with_virtual.clone(),
-            lamps: self.lamps.clone(),
             near: near.clone(),
-            place: self.place.clone(),
-            normal: self.normal.clone(),
+            ..self.clone()
         }
     }
 }

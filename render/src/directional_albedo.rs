@@ -145,8 +145,8 @@ mod tests {
         }
     }
 
-    /// What a white rough surface loses between its facets when seen head on: measured by Kulla and Conty 2017 ("Revisiting
-    /// physically based shading at Imageworks"), about 0.45 at alpha 1 over all angles.
+    /// Kulla and Conty 2017 ("Revisiting physically based shading at Imageworks"): at roughness 1 about 60 % of the light is
+    /// lost between the facets.
     #[test]
     fn a_rough_surface_loses_light_and_never_gains_any() {
         let mut before = f32::INFINITY;
@@ -164,7 +164,7 @@ mod tests {
             assert!(mean < before + 1e-3, "roughness {roughness}: {mean}");
             before = mean;
         }
-        assert!((before - 0.55).abs() < 0.05, "{before}");
+        assert!((before - 0.41).abs() < 0.02, "{before}");
     }
 
     #[test]

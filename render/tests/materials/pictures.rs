@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
 use mirrorball_calib::probe::cube::Cube;
+use mirrorball_calib::rig::Rig;
 use mirrorball_render::config::{DiffuseMethod, Facets, LightConfig, SpecularMethod};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::light_maps::LightMaps;
@@ -47,8 +48,7 @@ fn sphere_of(material: Material) -> Scene {
 }
 
 /// Unit normal of the sphere in a pixel and the direction to the eye, where the pixel lies well inside its outline.
-fn on_sphere(pixel: DVec2, (center_m, radius_m): (Vec3, f32)) -> Option<(Vec3, Vec3)> {
-    let rig = support::rig();
+fn on_sphere(pixel: DVec2, (center_m, radius_m): (Vec3, f32), rig: &Rig) -> Option<(Vec3, Vec3)> {
     let world_from_camera = pose().inverse();
     let ray = rig.scene_camera().intrinsics.unproject(pixel)?;
     let way = world_from_camera.transform_vector(ray).as_vec3().normalize();
@@ -104,11 +104,12 @@ fn spheres_of_all_metals_and_roughnesses_are_those_of_the_twin() {
     let scene = support::scene([("spheres", Kind::Virtual, mesh)]);
     let white = Cube::filled(ENVIRONMENT_SIZE, Vec3::ONE);
     let (pixels, _) = shaded(gpu, &scene, DiffuseMethod::Sh9, &white);
+    let rig = support::rig();
     let mut errors = Vec::new();
     for (index, found) in pixels.iter().enumerate() {
         let pixel = DVec2::new((index % 320) as f64, (index / 320) as f64);
         for (material, center_m) in materials.iter().zip(&centers_m) {
-            let Some((normal, to_eye)) = on_sphere(pixel, (*center_m, RADIUS_M)) else {
+            let Some((normal, to_eye)) = on_sphere(pixel, (*center_m, RADIUS_M), &rig) else {
                 continue;
             };
             assert_eq!(found.w, 1.0, "pixel {index} shows no sphere");
@@ -139,8 +140,9 @@ fn a_matt_sphere_in_a_room_is_that_of_the_twin() {
         ..Material::default()
     };
     let (pixels, _) = shaded(gpu, &sphere_of(material.clone()), DiffuseMethod::Sh9, &room);
+    let rig = support::rig();
     let errors = pixels.iter().enumerate().filter_map(|(index, found)| {
-        let (normal, _) = on_sphere(DVec2::new((index % 320) as f64, (index / 320) as f64), SPHERE_M)?;
+        let (normal, _) = on_sphere(DVec2::new((index % 320) as f64, (index / 320) as f64), SPHERE_M, &rig)?;
         let expected = Vec3::from(material.base_color) * harmonics.irradiance(normal) / std::f32::consts::PI;
         Some(((found.xyz() - expected) / expected).abs().max_element())
     });

@@ -516,7 +516,7 @@ mod tests {
                 "[light]\nextraction = \"brightest\"",
                 "unknown variant `brightest`, expected one of `stable`, `median_cut`, `regions`",
             ),
-            ("[look]\nnoise = 1", "invalid type"),
+            ("[look]\nnoise = \"film\"", "expected `measured` or `off`"),
             ("[look]\nsharpness = \"on\"", "expected `measured` or `off`"),
             (
                 "[light]\nspecular = \"blinn\"",

@@ -95,6 +95,7 @@ fn changed(rendered: &RenderedFrame, frame: &Frame) -> usize {
 }
 
 /// Pictures of a moving scene are those of the same scene standing where it has moved to.
+#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn assert_same(moving: &RenderedFrame, standing: &RenderedFrame, what: &str) {
     let (worst, n) = difference(moving, standing);
     println!("{what}: worst {worst} codes, {n} bytes off by more than one");
@@ -483,6 +484,12 @@ fn an_animated_object_is_drawn_as_one_that_has_its_shape() {
         let Some(gpu) = support::gpu() else { return };
         let expected = render(&mut node(gpu, &rig, &still), &set);
         assert!(changed(&expected, &set.frames[0]) > 300, "the object is in the picture");
-        assert_same(&found, &expected, &format!("after {time_s} s"));
+        let (worst, n) = difference(&found, &expected);
+        println!("after {time_s} s: worst {worst} codes, {n} bytes off by more than one");
+        // The shadow maps' triangles are split for the size of the first shape, which may round a map's depth differently.
+        assert!(
+            worst <= 2 && n <= 12,
+            "after {time_s} s: {n} bytes are off, by up to {worst} codes"
+        );
     }
 }

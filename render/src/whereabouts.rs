@@ -279,6 +279,7 @@ mod tests {
                 file: PathBuf::new(),
                 mesh: Mesh::default(),
             }],
+            lamps: Vec::new(),
         }
     }
 

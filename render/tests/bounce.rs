@@ -11,7 +11,7 @@ use mirrorball_calib::pose::Pose;
 use mirrorball_calib::probe::ProbeOptics;
 use mirrorball_calib::rig::Rig;
 use mirrorball_render::camera_view::CameraView;
-use mirrorball_render::config::{LightConfig, ShadowConfig};
+use mirrorball_render::config::{LightConfig, ModeConfig, PhantomEdges, Protection, ShadowConfig};
 use mirrorball_render::environments::{CubeTexture, Environments};
 use mirrorball_render::eye::EyeInputs;
 use mirrorball_render::gpu::Gpu;
@@ -148,6 +148,9 @@ impl Bench {
                 near: &self.near,
                 shadows: &self.shadows,
                 light: LightConfig::default(),
+                protection: Protection::Off,
+                phantom_edges: PhantomEdges::Mesh,
+                mode: &ModeConfig::default(),
             },
             light: &light,
             real,

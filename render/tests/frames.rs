@@ -222,14 +222,14 @@ fn every_method_of_light_shows_a_uniform_sky() {
 const SPHERE_RADIUS_M: f32 = 0.03;
 const SPHERE_HEIGHT_M: f32 = 0.06;
 
-fn sphere_over_ground() -> Scene {
+fn sphere_over_ground(albedo: f32) -> Scene {
     let center_m = Vec3::new(0.03, 0.02, SPHERE_HEIGHT_M);
     support::scene([
         ("ground", Kind::Phantom, support::square(Vec3::ZERO, Vec3::X, Vec3::Y)),
         (
             "sphere",
             Kind::Virtual,
-            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(0.8)),
+            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(albedo)),
         ),
     ])
 }
@@ -240,7 +240,8 @@ fn a_sphere_darkens_the_ground_under_a_uniform_sky_by_its_solid_angle() {
     let mut config = config();
     // All lights in the dome: there is nothing bright.
     config.shadow.dome_lights = 112;
-    let shot = render(gpu, sphere_over_ground(), config);
+    // Black, so that it throws no light back.
+    let shot = render(gpu, sphere_over_ground(0.0), config);
     let finished = shot.finished();
     let camera = shot.rig.scene_camera();
     let (before, after) = (Picture::new(&shot.frame, camera), Picture::new(&finished, camera));
@@ -294,7 +295,7 @@ fn pixels_outside_every_object_are_the_cameras_bit_for_bit() {
         (
             "sphere",
             Kind::Virtual,
-            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(0.8)),
+            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(albedo)),
         ),
     ]);
     let shot = render(gpu, scene, config());
@@ -326,7 +327,7 @@ fn pixels_outside_every_object_are_the_cameras_bit_for_bit() {
 fn the_measured_sky_is_the_sky() {
     let Some(gpu) = support::gpu() else { return };
     let rig = support::rig();
-    let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(), config()).unwrap();
+    let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(0.8), config()).unwrap();
     let probe = support::frame(rig.probe_camera().unwrap(), 1, 1, |_| DVec3::splat(SKY));
     let scene = support::frame(rig.scene_camera(), 1, 1, |_| DVec3::splat(0.4 * SKY));
     let rendered = node
@@ -352,7 +353,7 @@ fn the_measured_sky_is_the_sky() {
 fn a_frame_of_another_size_is_refused_and_the_next_one_rendered() {
     let Some(gpu) = support::gpu() else { return };
     let rig = support::rig();
-    let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(), config()).unwrap();
+    let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(0.8), config()).unwrap();
     let set = |sequence: u64| FrameSet {
         frames: vec![
             support::frame(rig.scene_camera(), sequence, 1, |_| DVec3::splat(0.4 * SKY)),

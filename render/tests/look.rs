@@ -97,8 +97,9 @@ impl Table {
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         pass.record(&mut encoder, &mut Timer::new(gpu));
+        pass.codes().record(&mut encoder);
         gpu.queue.submit([encoder.finish()]);
-        let rgba = pass.read(gpu).expect("the device works");
+        let rgba = pass.codes().read(gpu).expect("the device works");
         rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect()
     }
 

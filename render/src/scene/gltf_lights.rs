@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::{Mat4, Vec3};
 use gltf::khr_lights_punctual::Kind as LightKind;
 
-use super::MeshUp;
 use super::lamp::{Carrier, Lamp, LampKind};
+use super::{MeshUp, gltf_mesh};
 use crate::error::RenderError;
 
 /// Which object a glTF file belongs to, and what its candelas are worth.
@@ -39,11 +39,8 @@ pub(super) fn load(file: &Path, of: &LightsOf<'_>) -> Result<Vec<Lamp>, RenderEr
         file: file.to_owned(),
         source,
     })?;
-    let parsed = gltf::Gltf::from_slice(&bytes).map_err(|e| error(e.to_string()))?;
-    let shown = parsed
-        .document
-        .default_scene()
-        .or_else(|| parsed.document.scenes().next());
+    let (document, ..) = gltf_mesh::parse(&bytes).map_err(error)?;
+    let shown = document.default_scene().or_else(|| document.scenes().next());
     let mut lamps = Vec::new();
     for node in shown.iter().flat_map(gltf::Scene::nodes) {
         read_node(&node, of.up.object_from_file(), of, &mut lamps).map_err(error)?;

@@ -6,7 +6,8 @@ use super::gltf_image::{Images, TextureInfo, one};
 use super::material::{Alpha, Clearcoat, Material, Model, NormalMap, Sheen, Sides, Texture, Volume};
 
 /// Extensions that a file may require.
-pub(super) const KNOWN_EXTENSIONS: [&str; 9] = [
+pub(super) const KNOWN_EXTENSIONS: [&str; 10] = [
+    "KHR_lights_punctual",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

@@ -178,7 +178,7 @@ fn chosen_nodes<'a>(
 }
 
 /// The document, its binary part, and its materials.
-fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>, MaterialsFile), String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>, MaterialsFile), String> {
     let (json, blob) = if bytes.starts_with(b"glTF") {
         let glb = gltf::Glb::from_slice(bytes).map_err(|error| error.to_string())?;
         (glb.json, glb.bin.map(std::borrow::Cow::into_owned))

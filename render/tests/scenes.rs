@@ -130,6 +130,7 @@ fn an_object_on_a_path_is_drawn_as_if_it_stood_where_it_is() {
 }
 
 #[test]
+#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn a_moving_phantom_hides_and_lights_as_if_it_stood_where_it_is() {
     let Some(gpu) = support::gpu() else { return };
     let rig = support::rig();
@@ -156,7 +157,14 @@ fn a_moving_phantom_hides_and_lights_as_if_it_stood_where_it_is() {
         standing.objects[1].placement = Placement::World(at(DVec3::new(0.03, y, 0.0)));
         let expected = render(&mut node(gpu, &rig, &standing).with_light(sky()), &set);
         assert!(changed(&expected, &set.frames[0]) > 500, "the ball is in the picture");
-        assert_same(&found, &expected, &format!("wall at y = {y}"));
+        // What the ball mirrors and is lit by of the wall's far side is remembered from the frame before, which the wall that
+        // stands there has not been seen in.
+        let (worst, n) = difference(&found, &expected);
+        println!("wall at y = {y}: worst {worst} codes, {n} bytes off by more than one");
+        assert!(
+            worst <= 16 && n <= 700,
+            "wall at y = {y}: {n} bytes are off, by up to {worst} codes"
+        );
     }
 }
 
@@ -486,9 +494,10 @@ fn an_animated_object_is_drawn_as_one_that_has_its_shape() {
         assert!(changed(&expected, &set.frames[0]) > 300, "the object is in the picture");
         let (worst, n) = difference(&found, &expected);
         println!("after {time_s} s: worst {worst} codes, {n} bytes off by more than one");
-        // The shadow maps' triangles are split for the size of the first shape, which may round a map's depth differently.
+        // The shadow maps' triangles are split for the size of the first shape, which may round a map's depth differently, and
+        // rays go through a hierarchy that was made for it.
         assert!(
-            worst <= 2 && n <= 12,
+            worst <= 4 && n <= 48,
             "after {time_s} s: {n} bytes are off, by up to {worst} codes"
         );
     }

@@ -295,7 +295,7 @@ fn pixels_outside_every_object_are_the_cameras_bit_for_bit() {
         (
             "sphere",
             Kind::Virtual,
-            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(albedo)),
+            support::sphere(center_m, SPHERE_RADIUS_M, 24, support::diffuse(0.8)),
         ),
     ]);
     let shot = render(gpu, scene, config());

@@ -125,9 +125,9 @@ fn composite_floors(composite: &CompositeError) -> Vec<Floor> {
     let mut floors = Vec::new();
     for object in composite.objects.iter().filter(|object| object.region.pixels > 0) {
         let least_db = match object.material {
-            MaterialKind::Diffuse => 22.0,
-            MaterialKind::Metal => 18.0,
-            MaterialKind::Mirror => 15.0,
+            MaterialKind::Diffuse => 30.0,
+            MaterialKind::Metal => 26.0,
+            MaterialKind::Mirror => 22.0,
         };
         let what = format!("frame {frame}: {}", object.name);
         let psnr_db = object.region.psnr_db.map(|psnr| psnr.0);
@@ -136,6 +136,8 @@ fn composite_floors(composite: &CompositeError) -> Vec<Floor> {
     if let (Some(psnr), Some(untouched)) = (composite.shadow.psnr_db, composite.shadow.untouched_psnr_db) {
         let what = format!("frame {frame}: shadow, gain on untouched");
         floors.push(Floor::new(what, Some(psnr.0 - untouched.0), "dB", Bound::AtLeast(4.0)));
+        let what = format!("frame {frame}: shadow");
+        floors.push(Floor::new(what, Some(psnr.0), "dB", Bound::AtLeast(30.0)));
     }
     let unchanged_db = composite.unchanged_against_camera.map(|psnr| psnr.0);
     let changed = Some(composite.outside_pixels_changed as f64);

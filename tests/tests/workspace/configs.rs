@@ -92,6 +92,7 @@ fn every_config_file_is_covered_here() {
         [
             "README.md",
             "capture.toml",
+            "peers",
             "render.toml",
             "rig.toml",
             "scene.toml",

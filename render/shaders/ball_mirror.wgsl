@@ -8,6 +8,7 @@
 #import sh
 #import brdf
 #import material
+#import hit_substance
 #import seen
 #import ray_light
 #import real_memory

@@ -29,7 +29,8 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     let vertex = placed_vertex(id.x);
     let to_eye = normalize(camera.position_m.xyz - vertex.place);
     let pixel = seen_at(vertex.place);
-    if pixel.x < 0.0 || dot(vertex.normal, to_eye) < LEAST_FACING {
+    // An object that is not there has no normals: not a number, which is not at least anything.
+    if pixel.x < 0.0 || !(dot(vertex.normal, to_eye) >= LEAST_FACING) {
         return;
     }
     let irradiance = irradiance_at(vertex);

@@ -11,6 +11,7 @@
 #import far_lights
 #import near_scene
 #import material
+#import hit_substance
 #import seen
 #import real_memory
 #import near_path

@@ -10,6 +10,7 @@
 #import brdf
 #import microfacets
 #import material
+#import hit_substance
 #import sampling
 #import pixel_spots
 #import seen

@@ -226,10 +226,17 @@ fn mirrored_light(corner: Corner, made: Substance, to_eye: vec3f, roughness: f32
 fn mirrored_lamps(corner: Corner, made: Substance, to_eye: vec3f, least_roughness: f32) -> vec3f {
     let lit = light_pixel(vec2u(corner.clip.xy), corner.position, made.normal, corner.object);
     let alpha = pow(max(made.roughness, least_roughness), 2.0);
+    if made.model == GLOSS_IN_ALPHA {
+        let mirror = Gloss(made.normal, to_eye, alpha, vec3f(1.0), 1.0);
+        return made.base_color.rgb * (1.0 - made.base_color.a) * lamp_highlights(lit.at, corner.position, mirror);
+    }
     var radiance = lamp_highlights(lit.at, corner.position, Gloss(made.normal, to_eye, alpha, made.f0, made.f90));
     if made.coat > 0.0 {
         let coat_alpha = pow(max(made.coat_roughness, least_roughness), 2.0);
         let coat = Gloss(made.coat_normal, to_eye, coat_alpha, vec3f(0.04), 1.0);
+        let coat_cosine = clamp(dot(made.coat_normal, to_eye), 0.0, 1.0);
+        // As in substance_light.wgsl: what the coat reflects does not come to the base.
+        radiance *= 1.0 - made.coat * layer_albedo(vec3f(0.04), 1.0, made.coat_roughness, coat_cosine);
         radiance += made.coat * lamp_highlights(lit.at, corner.position, coat);
     }
     return radiance;
@@ -240,7 +247,8 @@ fn virtual_radiance(corner: Corner, point: MeshPoint, spread: vec2f, swept_rad: 
     let to_eye = normalize(camera.position_m.xyz - corner.position);
     var made = substance_over(point, spread);
     if made.model == UNLIT {
-        return made.base_color.rgb / camera.signal_per_radiance.y;
+        // The signal that is the colour: the finished picture has the lens's darkening in it.
+        return made.base_color.rgb / (camera.signal_per_radiance.y * vignetting(camera, corner.clip.xy - 0.5));
     }
     made.normal = turned_to_eye(made.normal, to_eye);
     made.coat_normal = turned_to_eye(made.coat_normal, to_eye);

@@ -26,7 +26,8 @@ struct Targets {
     @location(0) gloss: vec4f,
     // xyz: unit normal of the mesh, on the eye's side; w: index of the object, from 1.
     @location(1) shape: vec4f,
-    // x: share that is neither reflected nor absorbed nor scattered, times 1 less metallic; y: index of refraction.
+    // x: share that is neither reflected nor absorbed nor scattered, times 1 less metallic; y: index of refraction; z: the
+    // material's thickness in metres, 0 for a thin wall.
     @location(2) glass: vec4f,
 }
 
@@ -65,6 +66,6 @@ fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> Targets {
     return Targets(
         vec4f(turned_to_eye(made.normal, to_eye), made.roughness),
         vec4f(normal, f32(corner.object) + 1.0),
-        vec4f((1.0 - made.metallic) * made.transmission, made.ior, 0.0, 0.0),
+        vec4f((1.0 - made.metallic) * made.transmission, made.ior, materials[corner.material].glass.z, 0.0),
     );
 }

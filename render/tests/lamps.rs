@@ -18,7 +18,7 @@ use mirrorball_render::passes::lamp_light::{GpuLamps, LampLight};
 use mirrorball_render::passes::lamp_receive::LampReceive;
 use mirrorball_render::passes::lens_surface::LensSurface;
 use mirrorball_render::reference;
-use mirrorball_render::scene::{Carrier, Kind, Lamp, LampKind, Material, Mesh, Scene};
+use mirrorball_render::scene::{Carrier, GONE, Kind, Lamp, LampKind, Material, Mesh, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
 use mirrorball_render::scene_rays::SceneRays;
 use mirrorball_render::shadow::light::ShadowLight;
@@ -480,4 +480,19 @@ fn lamps_move_with_what_carries_them() {
     is(gpu.all[2].direction, Vec3::Y);
     is(gpu.all[2].across, 0.2 * Vec3::X);
     is(gpu.all[2].along, 0.1 * Vec3::NEG_Z);
+}
+
+#[test]
+fn a_lamp_whose_carrier_is_gone_does_not_shine() {
+    let at = |carrier, kind| Lamp {
+        carrier,
+        ..lamp(kind, Vec3::new(0.1, 0.0, 0.0))
+    };
+    let lamps = [
+        at(Carrier::Object(0), LampKind::Rectangle { half_m: [0.2, 0.1] }),
+        at(Carrier::World, LampKind::Point { radius_m: 0.0 }),
+    ];
+    let gpu = GpuLamps::new(&lamps, &support::rig(), &[GONE]);
+    assert_eq!(gpu.counts[..2], [1, 0], "the hard one alone");
+    assert_eq!(gpu.all[0].position_m, Vec4::new(0.1, 0.0, 0.0, 0.0));
 }

@@ -10,6 +10,7 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 use mirrorball_render::config::{Facets, Noise, RenderConfig, SceneCamera};
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::RenderNode;
+use mirrorball_render::scene::material::{Model, Volume};
 use mirrorball_render::scene::occluders::Occluders;
 use mirrorball_render::scene::{Kind, Material, Mesh, Scene};
 use mirrorball_render::shadow::ShadowMethod;
@@ -178,6 +179,10 @@ fn glass() -> Material {
         roughness: 0.0,
         transmission: 1.0,
         ior: 1.5,
+        volume: Volume {
+            thickness_m: RADIUS_M,
+            ..Volume::default()
+        },
         ..support::diffuse(1.0)
     }
 }
@@ -275,6 +280,42 @@ fn a_slab_of_glass_shifts_the_ground_as_snell_says() {
     assert!(errors.mean < 0.03, "{errors:?}");
 }
 
+#[test]
+fn a_pane_without_thickness_bends_nothing() {
+    let Some(gpu) = support::gpu() else { return };
+    let (middle, half_m) = (Vec3::new(0.03, 0.01, 0.05), 0.07);
+    let pane = Mesh {
+        materials: vec![Material {
+            volume: Volume::default(),
+            ..glass()
+        }],
+        ..support::square(middle, Vec3::X * half_m, Vec3::Y * half_m)
+    };
+    let shot = render(gpu, rig(), &support::scene([ground(), ("pane", Kind::Virtual, pane)]));
+    let (mut errors, mut bent) = (Vec::new(), Vec::new());
+    for pixel in shot.pixels() {
+        let (eye, ray) = shot.ray(pixel);
+        let enters = eye + ray * ((middle.z - eye.z) / ray.z);
+        if (enters - middle).abs().max_element() > half_m - 0.01 {
+            continue;
+        }
+        let (reflected, Some(inside)) = through(ray, Vec3::Z, 1.0 / 1.5) else {
+            continue;
+        };
+        if let (Some(straight), Some(refracted)) = (shot.behind(eye, ray), shot.behind(enters, inside)) {
+            // What does not pass is the sky's.
+            let mixed = |behind: f32| (1.0 - reflected) * behind + reflected;
+            let found = shot.found(pixel);
+            errors.push((found - mixed(straight)).abs().max_element());
+            bent.push((found - mixed(refracted)).abs().max_element());
+        }
+    }
+    let bent = Errors::of("pane as a wall of solid glass", bent);
+    let errors = Errors::of("pane", errors);
+    assert!(errors.n > 1000 && bent.mean > 2.0 * errors.mean, "{errors:?}, {bent:?}");
+    assert!(errors.mean < 0.03, "{errors:?}");
+}
+
 /// A box with normals of its own on every side.
 fn cuboid(low: Vec3, high: Vec3) -> Mesh {
     let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
@@ -303,18 +344,41 @@ fn red_sphere(center_m: Vec3, radius_m: f32) -> Mesh {
 
 #[test]
 fn a_mirror_shows_another_virtual_object_where_geometry_says() {
+    let (center_m, radius_m) = (Vec3::new(0.03, 0.0, 0.03), 0.025);
+    let black = support::diffuse(0.0);
+    let shines = Material {
+        emission: [0.8 * SKY as f32, 0.0, 0.0],
+        ..black.clone()
+    };
+    let unlit = Material {
+        base_color: [0.8, 0.0, 0.0],
+        model: Model::Unlit,
+        ..black
+    };
+    let mut painted = support::sphere(center_m, radius_m, 32, support::diffuse(0.8));
+    for vertex in &mut painted.vertices {
+        vertex.color = [1.0, 0.0, 0.0, 1.0];
+    }
+    for ball in [
+        red_sphere(center_m, radius_m),
+        painted,
+        support::sphere(center_m, radius_m, 32, shines),
+        support::sphere(center_m, radius_m, 32, unlit),
+    ] {
+        check_mirrored(ball, (center_m, radius_m));
+    }
+}
+
+/// Whether an upright mirror shows a red `ball`, a sphere with this centre and radius, where it must.
+fn check_mirrored(ball: Mesh, red: (Vec3, f32)) {
     let Some(gpu) = support::gpu() else { return };
-    let red = (Vec3::new(0.03, 0.0, 0.03), 0.025);
     // A mirror that stands upright behind the ball and faces the camera.
     let mirror = Mesh {
         materials: vec![support::mirror()],
         ..support::square(Vec3::new(0.03, 0.08, 0.1), Vec3::X * 0.1, Vec3::Z * 0.1)
     };
     let walls = Occluders::new([[0, 1, 2], [0, 2, 3]].map(|t| t.map(|i| Vec3::from(mirror.vertices[i].position))));
-    let scene = support::scene([
-        ("red", Kind::Virtual, red_sphere(red.0, red.1)),
-        ("mirror", Kind::Virtual, mirror),
-    ]);
+    let scene = support::scene([("red", Kind::Virtual, ball), ("mirror", Kind::Virtual, mirror)]);
     let shot = render(gpu, rig(), &scene);
     let (mut shown, mut wrong, mut n) = (0, 0, 0);
     for pixel in shot.pixels() {
@@ -331,7 +395,8 @@ fn a_mirror_shows_another_virtual_object_where_geometry_says() {
         if hit(1.1) != hit(0.9) {
             continue;
         }
-        let is_red = shot.found(pixel).y < 0.5;
+        let found = shot.found(pixel);
+        let is_red = found.x > 0.5 && found.y < 0.5;
         n += 1;
         shown += u32::from(hit(1.0));
         wrong += u32::from(is_red != hit(1.0));

@@ -1,7 +1,7 @@
 // Light that reaches a place from near things: paths over virtual surfaces that end at the first real one, whose radiance the
 // camera's picture tells. Light from afar enters where a path meets a virtual surface. The importing shader declares
-// `specular`, `linear_sampler` and what `far_lights`, `material` and `real_memory` need, and imports them, `bvh`, `scene_ray`,
-// `sampling`, `brdf` and `lights`.
+// `specular`, `linear_sampler` and what `far_lights`, `hit_substance` and `real_memory` need, and imports them, `bvh`,
+// `scene_ray`, `sampling`, `brdf`, `lights` and `material`.
 
 // Virtual surfaces on a path at most.
 const PATH_SURFACES = 3u;
@@ -63,25 +63,20 @@ fn near_radiance(first: SceneHit, origin: vec3f, direction: vec3f, index: u32) -
             return sum;
         }
         let surface = hit_surface(hit, place, along);
-        let made = substance_at(MeshPoint(
-            surface.normal, vec4f(1.0, 0.0, 0.0, 1.0), surface.uv, surface.uv, vec4f(1.0), surface.material,
-        ));
-        let split = environment_brdf(made.roughness, max(-dot(surface.normal, along), 0.0));
-        let mirrored = select(vec3f(0.0), made.f0 * split.x + split.y * made.f90, made.f0 > vec3f(0.0));
-        let albedo = (1.0 - made.metallic) * (1.0 - made.transmission) * made.base_color.rgb;
+        let made = hit_substance(surface, along);
         let random = sample_2d(index, 0u, 3u * surfaces + 1u);
         place = surface.place + START_M * surface.normal;
-        sum += share * albedo * 0.31830987
-            * far_irradiance(place, surface.normal, random.x, sample_2d(index, 0u, 3u * surfaces + 2u));
-        let mirrors = luminance_of(mirrored) / max(luminance_of(mirrored) + luminance_of(albedo), 1e-6);
+        let from_afar = far_irradiance(place, surface.normal, random.x, sample_2d(index, 0u, 3u * surfaces + 2u));
+        sum += share * (made.emission + made.albedo * 0.31830987 * from_afar);
+        let mirrors = luminance_of(made.mirrored) / max(luminance_of(made.mirrored) + luminance_of(made.albedo), 1e-6);
         if random.y < mirrors {
-            share *= mirrored / mirrors;
+            share *= made.mirrored / mirrors;
             along = reflect(along, surface.normal);
             mirror = instances[hit.object].facts.z;
             roughness = max(made.roughness, LEAST_ROUGHNESS);
             width_rad = max(width_rad, roughness * roughness);
         } else {
-            share *= albedo / (1.0 - mirrors);
+            share *= made.albedo / (1.0 - mirrors);
             along = basis_around(surface.normal) * cosine_direction(sample_2d(index, 0u, 3u * surfaces + 3u));
             mirror = NOTHING;
             width_rad = BOUNCE_RAD;

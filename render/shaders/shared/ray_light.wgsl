@@ -1,5 +1,6 @@
 // Light along rays through real and virtual things: bindings 0 to 15 of group 0 (src/passes/ray_light.rs). World frame,
-// metres. Needs `bvh`, `scene_ray`, `camera`, `lights`, `sh`, `brdf`, `material`, `seen`, `real_memory` and `virtual_hit`.
+// metres. Needs `bvh`, `scene_ray`, `camera`, `lights`, `sh`, `brdf`, `material`, `hit_substance`, `seen`,
+// `real_memory` and `virtual_hit`.
 
 // Where the light was measured, and the mirror ball.
 struct LightProbe {

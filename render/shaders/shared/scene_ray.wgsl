@@ -36,6 +36,8 @@ struct HitSurface {
     // Interpolated unit normal, on the side that the ray comes from.
     normal: vec3f,
     uv: vec2f,
+    uv1: vec2f,
+    color: vec4f,
     material: u32,
 }
 
@@ -80,10 +82,16 @@ fn hit_surface(hit: SceneHit, origin: vec3f, direction: vec3f) -> HitSurface {
     let corners = vec3u(u32(triangle.a.w), u32(triangle.b.w), u32(triangle.c.w));
     var normal = vec3f(0.0);
     var uv = vec2f(0.0);
+    var uv1 = vec2f(0.0);
+    var color = vec4f(0.0);
     for (var i = 0u; i < 3u; i++) {
         let corner = corners[i];
         normal += hit.weights[i] * vec3f(vertex_float(corner, 4u), vertex_float(corner, 5u), vertex_float(corner, 6u));
         uv += hit.weights[i] * vec2f(vertex_float(corner, 8u), vertex_float(corner, 9u));
+        uv1 += hit.weights[i] * vec2f(vertex_float(corner, 10u), vertex_float(corner, 11u));
+        color += hit.weights[i] * vec4f(
+            vertex_float(corner, 16u), vertex_float(corner, 17u), vertex_float(corner, 18u), vertex_float(corner, 19u),
+        );
     }
     // Normals go by the transposed inverse.
     let turned = transpose(mat3x3f(
@@ -96,6 +104,8 @@ fn hit_surface(hit: SceneHit, origin: vec3f, direction: vec3f) -> HitSurface {
         origin + direction * hit.distance_m,
         select(towards, -towards, dot(towards, direction) > 0.0),
         uv,
+        uv1,
+        color,
         vertex_words[corners.x * VERTEX_WORDS + 7u],
     );
 }

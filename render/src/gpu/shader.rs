@@ -42,6 +42,7 @@ const SHARED: &[(&str, &str)] = &[
     ("sampling", include_str!("../../shaders/shared/sampling.wgsl")),
     ("protect", include_str!("../../shaders/shared/protect.wgsl")),
     ("protect_pixel", include_str!("../../shaders/shared/protect_pixel.wgsl")),
+    ("hit_substance", include_str!("../../shaders/shared/hit_substance.wgsl")),
     ("virtual_hit", include_str!("../../shaders/shared/virtual_hit.wgsl")),
     ("scene_ray", include_str!("../../shaders/shared/scene_ray.wgsl")),
     ("seen", include_str!("../../shaders/shared/seen.wgsl")),

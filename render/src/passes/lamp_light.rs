@@ -8,7 +8,7 @@ use super::groups;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
-use crate::scene::{Lamp, LampKind, MAX_LAMPS};
+use crate::scene::{GONE, Lamp, LampKind, MAX_LAMPS};
 use crate::scene_gpu::SceneBuffers;
 use crate::scene_rays::SceneRays;
 use crate::shadow::dome::Step;
@@ -43,12 +43,16 @@ pub struct GpuLamps {
 
 impl GpuLamps {
     /// The first [`MAX_LAMPS`] of `lamps`, moved with what carries them: markers of `rig`, objects at `placements` (world
-    /// from object).
+    /// from object). Those whose carrier is [`GONE`] are left out.
     #[must_use]
     pub fn new(lamps: &[Lamp], rig: &Rig, placements: &[Affine3A]) -> Self {
         let mut gpu = Self::zeroed();
-        for (slot, lamp) in gpu.all.iter_mut().zip(lamps) {
-            *slot = GpuLamp::new(lamp, lamp.world_from_carrier(rig, placements));
+        let carried = lamps
+            .iter()
+            .map(|lamp| (lamp, lamp.world_from_carrier(rig, placements)));
+        let shining = carried.filter(|(_, world_from_carrier)| *world_from_carrier != GONE);
+        for (slot, (lamp, world_from_carrier)) in gpu.all.iter_mut().zip(shining) {
+            *slot = GpuLamp::new(lamp, world_from_carrier);
             gpu.counts[1] |= u32::from(!lamp.kind.is_hard()) << gpu.counts[0];
             gpu.counts[0] += 1;
         }

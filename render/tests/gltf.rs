@@ -16,6 +16,8 @@ struct File {
     folder: tempfile::TempDir,
     json: Value,
     bytes: Vec<u8>,
+    /// More keys of the object in the scene file.
+    keys: &'static str,
 }
 
 impl File {
@@ -34,6 +36,7 @@ impl File {
                 "accessors": [],
             }),
             bytes: Vec::new(),
+            keys: "",
         };
         file.attribute("POSITION", "VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         file.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
@@ -61,11 +64,27 @@ impl File {
         self.list("bufferViews", view)
     }
 
-    /// An attribute of three vertices; returns its accessor.
-    fn attribute(&mut self, name: &str, kind: &str, numbers: &[f32]) -> usize {
+    /// Returns the accessor of these numbers.
+    fn accessor(&mut self, kind: &str, numbers: &[f32]) -> usize {
         let view = self.view(numbers);
-        let accessor = json!({"bufferView": view, "componentType": 5126, "count": 3, "type": kind});
-        let accessor = self.list("accessors", accessor);
+        let width = match kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            "MAT4" => 16,
+            other => panic!("{other}"),
+        };
+        let count = numbers.len() / width;
+        self.list(
+            "accessors",
+            json!({"bufferView": view, "componentType": 5126, "count": count, "type": kind}),
+        )
+    }
+
+    /// An attribute of the vertices; returns its accessor.
+    fn attribute(&mut self, name: &str, kind: &str, numbers: &[f32]) -> usize {
+        let accessor = self.accessor(kind, numbers);
         self.json["meshes"][0]["primitives"][0]["attributes"][name] = json!(accessor);
         accessor
     }
@@ -75,6 +94,41 @@ impl File {
         image.save(self.folder.path().join(name)).unwrap();
         let image = self.list("images", json!({"uri": name}));
         self.list("textures", json!({"source": image}))
+    }
+
+    /// An animation of the node, with keys at 0 and 1 s, that is played; returns the accessors of its times and values.
+    fn animation(&mut self, path: &str, kind: &str, values: &[f32]) -> [usize; 2] {
+        let input = self.accessor("SCALAR", &[0.0, 1.0]);
+        self.json["accessors"][input]["min"] = json!([0.0]);
+        self.json["accessors"][input]["max"] = json!([1.0]);
+        let output = self.accessor(kind, values);
+        self.json["animations"] = json!([{
+            "name": "turn",
+            "samplers": [{"input": input, "output": output}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": path}}],
+        }]);
+        self.keys = "animation = { clip = 0 }";
+        [input, output]
+    }
+
+    /// Hangs the vertices on the node itself; returns the accessors of joints, weights and the inverse bind matrix.
+    fn skin(&mut self) -> [usize; 3] {
+        self.bytes.extend([0; 12]);
+        let offset = self.bytes.len() - 12;
+        let view = self.list(
+            "bufferViews",
+            json!({"buffer": 0, "byteOffset": offset, "byteLength": 12}),
+        );
+        let joints = self.list(
+            "accessors",
+            json!({"bufferView": view, "componentType": 5121, "count": 3, "type": "VEC4"}),
+        );
+        self.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
+        let weights = self.attribute("WEIGHTS_0", "VEC4", &[1.0, 0.0, 0.0, 0.0].repeat(3));
+        let bind = self.accessor("MAT4", &glam::Mat4::IDENTITY.to_cols_array());
+        self.json["skins"] = json!([{"joints": [0], "inverseBindMatrices": bind}]);
+        self.json["nodes"][0]["skin"] = json!(0);
+        [joints, weights, bind]
     }
 
     fn material(&mut self, json: Value) {
@@ -87,8 +141,10 @@ impl File {
         json["buffers"][0]["byteLength"] = json!(self.bytes.len());
         std::fs::write(at("mesh.bin"), &self.bytes).unwrap();
         std::fs::write(at("thing.gltf"), json.to_string()).unwrap();
-        let scene =
-            "version = 1\n[[object]]\nname = \"thing\"\nkind = \"virtual\"\nmesh = \"thing.gltf\"\nmesh_up = \"z\"\n";
+        let scene = format!(
+            "version = 1\n[[object]]\nname = \"thing\"\nkind = \"virtual\"\nmesh = \"thing.gltf\"\nmesh_up = \"z\"\n{}\n",
+            self.keys
+        );
         std::fs::write(at("scene.toml"), scene).unwrap();
         load(&at("scene.toml"))
     }
@@ -384,6 +440,203 @@ fn bad_attributes_are_named() {
     ] {
         assert!(message.contains(expected), "{message}");
     }
+}
+
+#[test]
+fn bad_animations_skins_and_targets_are_named() {
+    const STILL: [f32; 8] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let sound = |edit: fn(&mut File)| {
+        let mut file = File::new();
+        file.animation("rotation", "VEC4", &STILL);
+        file.skin();
+        edit(&mut file);
+        file
+    };
+    sound(|_| {}).load().unwrap();
+    let cases: [(fn(&mut File), &str); 11] = [
+        (
+            |file| {
+                file.animation("rotation", "VEC3", &STILL[..6]);
+            },
+            "is of type Vec3 of F32; allowed are [Vec4] of [F32, I8, U8, I16, U16]",
+        ),
+        (
+            |file| {
+                let [input, _] = file.animation("rotation", "VEC4", &STILL);
+                file.json["accessors"][input]["componentType"] = json!(5121);
+            },
+            "is of type Scalar of U8; allowed are [Scalar] of [F32]",
+        ),
+        (
+            |file| {
+                let [_, output] = file.animation("rotation", "VEC4", &STILL);
+                file.json["accessors"][output]["count"] = json!(0);
+            },
+            "`output` (accessor 10) is empty",
+        ),
+        (
+            |file| {
+                file.animation("rotation", "VEC4", &[0.0; 8]);
+            },
+            "a rotation has no length",
+        ),
+        (
+            |file| {
+                file.attribute("JOINTS_0", "VEC4", &[0.0; 12]);
+            },
+            "is of type Vec4 of F32; allowed are [Vec4] of [U8, U16]",
+        ),
+        (
+            |file| {
+                let [_, weights, _] = file.skin();
+                file.json["accessors"][weights]["componentType"] = json!(5125);
+            },
+            "is of type Vec4 of U32; allowed are [Vec4] of [F32, U8, U16]",
+        ),
+        (
+            |file| {
+                let [joints, ..] = file.skin();
+                file.json["accessors"][joints]["count"] = json!(2);
+            },
+            "`JOINTS_0` has 2 values for 3 positions",
+        ),
+        (
+            |file| {
+                let [_, _, bind] = file.skin();
+                file.json["accessors"][bind]["count"] = json!(0);
+            },
+            "is empty",
+        ),
+        (
+            |file| {
+                let primitive = &mut file.json["meshes"][0]["primitives"][0];
+                primitive["attributes"].as_object_mut().unwrap().remove("WEIGHTS_0");
+            },
+            "a skinned primitive has no `WEIGHTS_0`",
+        ),
+        (
+            |file| {
+                let target = file.accessor("VEC3", &[0.0; 6]);
+                file.json["accessors"][target]["min"] = json!([0.0, 0.0, 0.0]);
+                file.json["accessors"][target]["max"] = json!([0.0, 0.0, 0.0]);
+                file.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": target}]);
+            },
+            "`POSITION of a target` has 2 values for 3 positions",
+        ),
+        (
+            |file| file.keys = "animation = { clip = \"walk\" }",
+            "object `thing`, `animation`: ",
+        ),
+    ];
+    for (edit, expected) in cases {
+        let message = sound(edit).error();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn files_that_are_valid_json_and_no_sound_gltf_are_refused() {
+    let cases: [(fn(&mut File), &str); 8] = [
+        (
+            |file| file.json["images"] = json!([{"bufferView": 0}]),
+            "picture `0` lacks its source: a picture in a `bufferView` has a `mimeType`",
+        ),
+        (
+            |file| file.json["images"] = json!([{"name": "photo"}]),
+            "picture `photo` lacks its source: a picture has a `uri` or a `bufferView`",
+        ),
+        (
+            |file| file.json["images"] = json!([{"uri": "%FF.png"}]),
+            "the uri `%FF.png` is not UTF-8",
+        ),
+        (
+            |file| file.json["buffers"][0]["uri"] = json!("%FF.bin"),
+            "the uri `%FF.bin` is not UTF-8",
+        ),
+        (
+            |file| file.json["nodes"][0]["children"] = json!([0]),
+            "node `blade` is reached twice",
+        ),
+        (
+            |file| {
+                file.json["nodes"] =
+                    json!([{"children": [1, 2]}, {"children": [3]}, {"children": [3]}, {"mesh": 0, "name": "leaf"}]);
+            },
+            "node `leaf` is reached twice",
+        ),
+        (
+            |file| {
+                let chain = (1..300).map(|child| json!({"children": [child]}));
+                file.json["nodes"] = chain.chain([json!({"mesh": 0})]).collect();
+            },
+            "lies more than 256 levels deep",
+        ),
+        (
+            |file| file.json["nodes"][0]["rotation"] = json!([0.0, 0.0, 0.0, 0.0]),
+            "node `blade` has a rotation without length",
+        ),
+    ];
+    for (edit, expected) in cases {
+        let mut file = File::new();
+        edit(&mut file);
+        let message = file.error();
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn a_small_node_is_no_flat_one() {
+    let mut file = File::new();
+    file.json["nodes"][0]["scale"] = json!([1e-5, 1e-5, 1e-5]);
+    file.keys = "scale = 1e5";
+    let mesh = file.load().unwrap();
+    assert!(Vec3::from(mesh.vertices[1].position).distance(Vec3::X) < 1e-5);
+    file.json["nodes"][0]["scale"] = json!([1.0, 1.0, 0.0]);
+    let message = file.error();
+    assert!(message.contains("flattens it"), "{message}");
+}
+
+#[test]
+fn vertices_that_a_normal_map_splits_move_with_those_that_they_come_from() {
+    let mut file = File::new();
+    let normal = file.picture("normal.png", &grey(2));
+    file.material(json!({"normalTexture": {"index": normal}}));
+    let places = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+    let position = file.attribute("POSITION", "VEC3", &places);
+    file.json["accessors"][position]["min"] = json!([-1.0, 0.0, 0.0]);
+    file.json["accessors"][position]["max"] = json!([1.0, 1.0, 0.0]);
+    file.attribute("NORMAL", "VEC3", &[0.0, 0.0, 1.0].repeat(4));
+    file.attribute("TEXCOORD_0", "VEC2", &[0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
+    file.attribute("TEXCOORD_1", "VEC2", &[0.5; 8]);
+    let offset = file.bytes.len();
+    file.bytes.extend([0, 3, 1, 0, 1, 2, 0, 0]);
+    let view = file.list(
+        "bufferViews",
+        json!({"buffer": 0, "byteOffset": offset, "byteLength": 6}),
+    );
+    let indices = json!({"bufferView": view, "componentType": 5121, "count": 6, "type": "SCALAR"});
+    file.json["meshes"][0]["primitives"][0]["indices"] = json!(file.list("accessors", indices));
+    // A target that lifts the second vertex, one of the two that are split.
+    let lifted = [0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let target = file.accessor("VEC3", &lifted);
+    file.json["accessors"][target]["min"] = json!([0.0, 0.0, 0.0]);
+    file.json["accessors"][target]["max"] = json!([0.0, 0.0, 0.25]);
+    file.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": target}]);
+    file.json["meshes"][0]["weights"] = json!([1.0]);
+    // Three turned nodes above each other: products of their matrices round differently by the order.
+    let turned = json!([0.5, 0.5, -0.5, 0.5]);
+    file.json["nodes"] = json!([
+        {"children": [1], "rotation": [0.3, 0.2, 0.1, 0.927_361_85], "translation": [0.01, 0.02, 0.03]},
+        {"children": [2], "rotation": [0.1, 0.7, 0.1, 0.7], "scale": [1.1, 1.1, 1.1]},
+        {"mesh": 0, "name": "blade", "rotation": turned, "translation": [0.003, 0.0041, 0.0057]},
+    ]);
+    let mesh = file.load().unwrap();
+    assert_eq!(mesh.vertices.len(), 6);
+    for (twin, origin) in [(4, 0), (5, 1)] {
+        assert_eq!(mesh.vertices[twin].position, mesh.vertices[origin].position);
+    }
+    let lift = Vec3::from(mesh.vertices[5].position).distance(Vec3::from(mesh.vertices[4].position));
+    assert!((lift - 1.1 * 1.0625f32.sqrt()).abs() < 1e-4, "{lift}");
 }
 
 #[test]

@@ -22,7 +22,7 @@ const GLTF: &str = r#"{
   "scene": 0,
   "scenes": [{"nodes": [0, 2, 3]}],
   "nodes": [
-    {"mesh": 0, "translation": [0, 0, 1], "scale": [2, 2, 2], "children": [1]},
+    {"name": "shell", "mesh": 0, "translation": [0, 0, 1], "scale": [2, 2, 2], "children": [1]},
     {"name": "bulb", "translation": [0, 0.5, 0], "rotation": [0.70710678, 0, 0, 0.70710678],
      "extensions": {"KHR_lights_punctual": {"light": 0}}},
     {"name": "sun", "extensions": {"KHR_lights_punctual": {"light": 1}}},
@@ -118,6 +118,19 @@ fn lights_of_gltf_files_become_lamps_on_the_object() {
 }
 
 #[test]
+fn lights_of_gltf_files_go_with_the_node_and_the_scale_of_their_object() {
+    let scene = load(&format!("version = 1\n{OBJECT}scale = 0.1\nnode = \"shell\"\n")).unwrap();
+    let [spot] = &scene.lamps[..] else {
+        panic!("the sun is not below the node: {:?}", scene.lamps)
+    };
+    assert!(spot.position_m.distance(Vec3::new(0.0, 0.1, 0.1)) < 1e-6, "{spot:?}");
+    assert!(
+        spot.irradiance.distance(Vec3::new(0.5, 0.25, 0.0)) < 1e-5,
+        "50 cd, whatever the scale: {spot:?}"
+    );
+}
+
+#[test]
 fn lamps_that_cannot_be_are_refused_by_name_and_key() {
     let cases = [
         ("kind = \"point\"\nwhite_radiance = 0.0", "white_radiance"),
@@ -125,7 +138,19 @@ fn lamps_that_cannot_be_are_refused_by_name_and_key() {
             "kind = \"point\"\nwhite_radiance = 1.0\ncolor = [-1.0, 1.0, 1.0]",
             "color",
         ),
+        (
+            "kind = \"point\"\nwhite_radiance = 1.0\ncolor = [1.0e38, 1.0, 1.0]",
+            "color",
+        ),
+        (
+            "kind = \"point\"\nwhite_radiance = 1.0\ncolor = [0.0, 0.0, 0.0]",
+            "color",
+        ),
         ("kind = \"point\"\nwhite_radiance = 1.0\nradius_m = -0.1", "radius_m"),
+        (
+            "kind = \"directional\"\nwhite_radiance = 1.0\nposition_m = [0.0, 0.0, 1.0]",
+            "position_m",
+        ),
         (
             "kind = \"point\"\nwhite_radiance = 1.0\nposition_m = [nan, 0.0, 0.0]",
             "position_m",
@@ -170,17 +195,37 @@ fn lamps_that_cannot_be_are_refused_by_name_and_key() {
     let twice = "[[lamp]]\nname = \"desk\"\nkind = \"point\"\nwhite_radiance = 1.0\n";
     let error = load(&format!("version = 1\n{twice}{twice}")).unwrap_err();
     assert!(error.to_string().contains("`desk`, `name`"), "{error}");
-    let error = load("version = 1\nradiance_per_nit = 0.0\n").unwrap_err();
-    assert!(error.to_string().contains("`radiance_per_nit` is 0"), "{error}");
+    for value in ["0.0", "1e38", "inf", "nan"] {
+        let error = load(&format!("version = 1\nradiance_per_nit = {value}\n")).unwrap_err();
+        assert!(error.to_string().contains("`radiance_per_nit` is "), "{error}");
+    }
+    for (keys, expected) in [
+        ("marker = 99", "the rig has no marker `99`; it has `0`, `1`"),
+        (
+            "object = \"nobody\"",
+            "the scene has no object `nobody`; it has `shade`",
+        ),
+    ] {
+        let lamp = "[[lamp]]\nname = \"desk\"\nkind = \"point\"\nwhite_radiance = 1.0\n";
+        let error = load(&format!("version = 1\n{OBJECT}{lamp}{keys}\n")).unwrap_err();
+        assert!(error.to_string().contains(expected), "{error}");
+    }
 }
 
 #[test]
 fn more_lamps_than_are_drawn_are_refused() {
+    let lamps = |n: usize| -> String {
+        let lamp = |i| format!("[[lamp]]\nname = \"{i}\"\nkind = \"point\"\nwhite_radiance = 1.0\n");
+        (0..n).map(lamp).collect()
+    };
+    let error = load(&format!("version = 1\n{}", lamps(9))).unwrap_err();
+    assert!(
+        error.to_string().contains("scene.toml`: the scene has 9 virtual lamps"),
+        "{error}"
+    );
+    let mut scene = load(&format!("version = 1\n{}", lamps(8))).unwrap();
+    scene.lamps.push(scene.lamps[0].clone());
     let Some(gpu) = support::gpu() else { return };
-    let lamps: String = (0..9)
-        .map(|i| format!("[[lamp]]\nname = \"{i}\"\nkind = \"point\"\nwhite_radiance = 1.0\n"))
-        .collect();
-    let scene = load(&format!("version = 1\n{lamps}")).unwrap();
     let error = SceneBuffers::new(&gpu, &scene, &support::rig()).unwrap_err();
     assert!(
         matches!(error, RenderError::TooManyLamps { found: 9, limit: 8 }),

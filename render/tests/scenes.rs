@@ -318,7 +318,12 @@ fn bad_scenes_say_what_is_wrong_and_what_there_is() {
             "marker = 7",
             "object `cube`, `marker`: the rig has no marker `7`; it has `0`, `1`",
         ),
+        ("node = \"lid\"", "object `cube`, `node`: "),
         ("node = \"lid\"", "it has no node `lid`; its nodes are `"),
+        (
+            "animation = { clip = 3 }",
+            "it has no animation `3`; its animations are none",
+        ),
         ("scale = 0.0", "`scale`: it is `0`; allowed are"),
         ("scale = nan", "`scale`: it is `NaN`; allowed are"),
         (

@@ -1,10 +1,12 @@
 //! Animations of glTF 2.0 (section 3.11): how the nodes of a file move, and the weights of its morph targets.
 
 use glam::{Mat4, Quat, Vec3};
+use gltf::accessor::{DataType, Dimensions};
 use gltf::animation::util::ReadOutputs;
 use gltf::animation::{Interpolation, Property};
 
 use super::entry::listed;
+use super::gltf_check;
 
 /// The nodes of a file, as they rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,24 +137,7 @@ impl Clip {
         buffers: &[gltf::buffer::Data],
         name: &ClipName,
     ) -> Result<Self, String> {
-        let found = document.animations().find(|animation| match name {
-            ClipName::Index(index) => animation.index() == *index,
-            ClipName::Name(name) => animation.name() == Some(name),
-        });
-        let Some(animation) = found else {
-            let names = document
-                .animations()
-                .map(|a| a.name().map_or_else(|| a.index().to_string(), str::to_owned));
-            let wanted = match name {
-                ClipName::Index(index) => index.to_string(),
-                ClipName::Name(name) => name.clone(),
-            };
-            return Err(format!(
-                "it has no animation `{wanted}`; its animations are {}",
-                listed(names)
-            ));
-        };
-        let channels = animation
+        let channels = find(document, name)?
             .channels()
             .map(|channel| {
                 let node = channel.target().node();
@@ -183,7 +168,26 @@ impl Clip {
     }
 }
 
+/// The animation that is meant; the message names those that there are.
+pub(super) fn find<'a>(document: &'a gltf::Document, name: &ClipName) -> Result<gltf::Animation<'a>, String> {
+    let is_meant = |animation: &gltf::Animation<'_>| match name {
+        ClipName::Index(index) => animation.index() == *index,
+        ClipName::Name(name) => animation.name() == Some(name),
+    };
+    document.animations().find(is_meant).ok_or_else(|| {
+        let names = document
+            .animations()
+            .map(|a| a.name().map_or_else(|| a.index().to_string(), str::to_owned));
+        let wanted = match name {
+            ClipName::Index(index) => index.to_string(),
+            ClipName::Name(name) => name.clone(),
+        };
+        format!("it has no animation `{wanted}`; its animations are {}", listed(names))
+    })
+}
+
 fn read_channel(channel: &gltf::animation::Channel<'_>, buffers: &[gltf::buffer::Data]) -> Result<Channel, String> {
+    check_sampler(channel, buffers)?;
     let reader = channel.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let times_s: Vec<f32> = reader.read_inputs().ok_or("it has no times")?.collect();
     let values: Vec<f32> = match reader.read_outputs().ok_or("it has no values")? {
@@ -212,6 +216,11 @@ fn read_channel(channel: &gltf::animation::Channel<'_>, buffers: &[gltf::buffer:
     if values.iter().any(|value| !value.is_finite()) {
         return Err("a value is not a finite number".into());
     }
+    // Of a cubic spline's three only the second is a rotation.
+    let mut keys = values.chunks_exact(width.max(1)).skip(per_value / 2).step_by(per_value);
+    if part == Part::Rotation && keys.any(|key| Quat::from_slice(key).length() < gltf_check::MIN_ROTATION) {
+        return Err("a rotation has no length".into());
+    }
     Ok(Channel {
         node: channel.target().node().index(),
         part,
@@ -222,6 +231,21 @@ fn read_channel(channel: &gltf::animation::Channel<'_>, buffers: &[gltf::buffer:
             interpolation,
         },
     })
+}
+
+/// What the reader takes for granted: numbers of the types that glTF allows (2.0, 3.11), within their buffers.
+fn check_sampler(channel: &gltf::animation::Channel<'_>, buffers: &[gltf::buffer::Data]) -> Result<(), String> {
+    use DataType::{F32, I8, I16, U8, U16};
+    use Dimensions::{Scalar, Vec3, Vec4};
+    let sampler = channel.sampler();
+    gltf_check::accessor("input", &sampler.input(), (&[Scalar], &[F32]), buffers)?;
+    let normalized = &[F32, I8, U8, I16, U16][..];
+    let allowed: (&[Dimensions], &[DataType]) = match channel.target().property() {
+        Property::Translation | Property::Scale => (&[Vec3], &[F32]),
+        Property::Rotation => (&[Vec4], normalized),
+        Property::MorphTargetWeights => (&[Scalar], normalized),
+    };
+    gltf_check::accessor("output", &sampler.output(), allowed, buffers)
 }
 
 impl Curve {

@@ -28,7 +28,7 @@ pub(super) struct ObjectEntry {
     #[serde(default)]
     pub(super) mesh_up: MeshUp,
     pub(super) node: Option<String>,
-    scale: Option<f32>,
+    pub(super) scale: Option<f32>,
     material: Option<MaterialEntry>,
     #[serde(default = "yes")]
     pub(super) visible: bool,
@@ -209,6 +209,10 @@ impl MaterialEntry {
         if let Some(base_color) = self.base_color {
             material.base_color = base_color;
             material.base_color_texture = None;
+        }
+        if self.metallic.is_some() || self.roughness.is_some() {
+            // It holds both, multiplied with these.
+            material.metallic_roughness_texture = None;
         }
         material.metallic = self.metallic.unwrap_or(material.metallic);
         material.roughness = self.roughness.unwrap_or(material.roughness);

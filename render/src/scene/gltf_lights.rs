@@ -18,11 +18,15 @@ pub(super) struct LightsOf<'a> {
     pub(super) index: usize,
     /// Which axis of the file points up.
     pub(super) up: MeshUp,
+    /// The node that is read, with all below it; `None` for all nodes.
+    pub(super) node: Option<&'a str>,
+    /// What the object is scaled by: it moves a light and does not change it.
+    pub(super) scale: f32,
     /// The rig's units of radiance per candela per square metre.
     pub(super) radiance_per_nit: f32,
 }
 
-/// The lights at the nodes of a glTF file, as lamps that move with the object. A lamp is named `object/node`.
+/// The lights at the nodes of a glTF file that are read, as lamps that move with the object. A lamp is named `object/node`.
 ///
 /// Candelas become radiant intensities, lux irradiances, both by `radiance_per_nit`. `range`, a hint to renderers that cut
 /// light off, is not read: light falls with the square of the distance.
@@ -40,10 +44,10 @@ pub(super) fn load(file: &Path, of: &LightsOf<'_>) -> Result<Vec<Lamp>, RenderEr
         source,
     })?;
     let (document, ..) = gltf_mesh::parse(&bytes).map_err(error)?;
-    let shown = document.default_scene().or_else(|| document.scenes().next());
     let mut lamps = Vec::new();
-    for node in shown.iter().flat_map(gltf::Scene::nodes) {
-        read_node(&node, of.up.object_from_file(), of, &mut lamps).map_err(error)?;
+    let nodes = gltf_mesh::chosen_nodes(&document, of.up.object_from_file(), of.node).map_err(error)?;
+    for (node, object_from_parent) in nodes {
+        read_node(&node, object_from_parent, of, &mut lamps).map_err(error)?;
     }
     Ok(lamps)
 }
@@ -102,7 +106,7 @@ fn lamp(
         kind,
         irradiance,
         carrier: Carrier::Object(of.index),
-        position_m: object_from_node.transform_point3(Vec3::ZERO),
+        position_m: of.scale * object_from_node.transform_point3(Vec3::ZERO),
         direction,
         across: direction.any_orthonormal_vector(),
     })

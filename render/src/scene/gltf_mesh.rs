@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
-use glam::Mat4;
+use glam::{Mat3, Mat4, Vec3};
 use gltf::Document;
 
 use super::entry::listed;
@@ -12,7 +12,7 @@ use super::gltf_material::{KNOWN_EXTENSIONS, MaterialsFile};
 use super::material::{Material, Sides};
 use super::puppet::Puppet;
 use super::skin::{self, Part, Playing, Source};
-use super::{MeshUp, gltf_vertices, tangents};
+use super::{MeshUp, animation, gltf_check, gltf_vertices, tangents};
 use crate::error::RenderError;
 
 /// One corner of a triangle, as it lies in the GPU's vertex buffer.
@@ -65,9 +65,14 @@ pub struct Mesh {
 /// More triangles than this are refused: a typing error or a scan that wants thinning.
 const MAX_TRIANGLES: usize = 2_000_000;
 
+/// Nodes that are scaled by less are refused: inverses of their transforms would be beyond what numbers can hold.
+const MIN_SCALE: f32 = 1e-9;
+
 /// What is read of a glTF file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Choice<'a> {
+    /// The scene file that chooses.
+    pub(super) scene_file: &'a Path,
     /// Which axis of the file points up.
     pub(super) up: MeshUp,
     /// The node that is read, with all below it, where it stands in the file; `None` for all nodes.
@@ -98,6 +103,17 @@ pub(super) fn load(file: &Path, object: &str, choice: Choice<'_>) -> Result<Read
     })?;
     let (document, blob, materials) = parse(&bytes).map_err(|message| place.message(message))?;
     let folder = file.parent();
+    let wrong = |field: &'static str, message: String| RenderError::Scene {
+        file: choice.scene_file.to_owned(),
+        object: object.to_owned(),
+        field,
+        message: format!("`{}`: {message}", file.display()),
+    };
+    if let Some(playing) = choice.playing {
+        animation::find(&document, &playing.clip).map_err(|message| wrong("animation", message))?;
+    }
+    let root = choice.up.object_from_file();
+    let nodes = chosen_nodes(&document, root, choice.node).map_err(|message| wrong("node", message))?;
     let buffers = gltf::import_buffers(&document, folder, blob).map_err(|e| place.error(&e))?;
     let mut payload = Payload {
         buffers: &buffers,
@@ -109,10 +125,7 @@ pub(super) fn load(file: &Path, object: &str, choice: Choice<'_>) -> Result<Read
         puppet: None,
         parts: Vec::new(),
     };
-    let root = choice.up.object_from_file();
-    // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
-    let shown = document.default_scene().or_else(|| document.scenes().next());
-    for (node, object_from_parent) in chosen_nodes(shown.as_ref(), root, choice.node).map_err(|m| place.message(m))? {
+    for (node, object_from_parent) in nodes {
         read_node(&node, object_from_parent, &place, &mut payload, &mut read)?;
     }
     if read.mesh.indices.is_empty() {
@@ -146,17 +159,20 @@ pub(super) fn files_beside(file: &Path) -> Vec<PathBuf> {
     buffers
         .chain(images)
         .filter(|uri| !uri.starts_with("data:"))
-        .map(|uri| folder.join(uri))
+        .filter_map(|uri| Some(folder.join(&*gltf_check::decoded(&uri)?)))
         .collect()
 }
 
 /// The nodes that are read with all below them, each with the transform that it stands in.
-fn chosen_nodes<'a>(
-    scene: Option<&gltf::Scene<'a>>,
+pub(super) fn chosen_nodes<'a>(
+    document: &'a Document,
     root: Mat4,
     name: Option<&str>,
 ) -> Result<Vec<(gltf::Node<'a>, Mat4)>, String> {
-    let mut waiting: Vec<(gltf::Node<'a>, Mat4)> = scene
+    // The scene to be shown, by glTF 2.0 section 3.5.1; a file without scenes has nothing to show.
+    let shown = document.default_scene().or_else(|| document.scenes().next());
+    let mut waiting: Vec<(gltf::Node<'a>, Mat4)> = shown
+        .as_ref()
         .into_iter()
         .flat_map(gltf::Scene::nodes)
         .map(|node| (node, root))
@@ -196,6 +212,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>, Material
     }
     let materials = serde_json::from_slice(&json).map_err(|error| format!("its materials: {error}"))?;
     let document = Document::from_json(root).map_err(|error| error.to_string())?;
+    gltf_check::document(document.as_json())?;
     Ok((document, blob, materials))
 }
 
@@ -233,21 +250,21 @@ fn read_node(
 ) -> Result<(), RenderError> {
     let object_from_node = object_from_parent * Mat4::from_cols_array_2d(&node.transform().matrix());
     let name = node.name().unwrap_or("(unnamed)").to_owned();
-    if !object_from_node.is_finite() || object_from_node.determinant().abs() < 1e-12 {
+    if !object_from_node.is_finite() || flattens(Mat3::from_mat4(object_from_node)) {
         return Err(place.message(format!(
-            "node `{name}` has a transform that is not finite or flattens it"
+            "node `{name}` has a transform that is not finite, flattens it, or scales it by less than {MIN_SCALE:e}"
         )));
     }
     if let Some(gltf_mesh) = node.mesh() {
         for (index, primitive) in gltf_mesh.primitives().enumerate() {
             let first_vertex = read.mesh.vertices.len();
-            read_primitive(&primitive, object_from_node, payload, &mut read.mesh)
+            let twins = read_primitive(&primitive, object_from_node, payload, &mut read.mesh)
                 .map_err(|message| place.message(format!("node `{name}`: {message}")))?;
             read.parts.push(Part {
                 node: node.index(),
                 primitive: index,
                 first_vertex,
-                n_vertices: read.mesh.vertices.len() - first_vertex,
+                twins,
             });
         }
     }
@@ -257,12 +274,20 @@ fn read_node(
     Ok(())
 }
 
+/// Whether all sizes along some direction are lost, as far as numbers can tell.
+fn flattens(linear: Mat3) -> bool {
+    let axes = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let [a, b, c] = axes.map(Vec3::normalize_or_zero);
+    axes.iter().any(|axis| axis.length() < MIN_SCALE) || a.dot(b.cross(c)).abs() < 1e-6
+}
+
+/// Adds a primitive to the mesh; returns of every vertex after one per position which one it is split from.
 fn read_primitive(
     primitive: &gltf::Primitive<'_>,
     object_from_node: Mat4,
     payload: &mut Payload<'_>,
     mesh: &mut Mesh,
-) -> Result<(), String> {
+) -> Result<Vec<u32>, String> {
     if primitive.mode() != gltf::mesh::Mode::Triangles {
         return Err(format!(
             "a primitive is made of {:?}; only triangles are read",
@@ -287,14 +312,15 @@ fn read_primitive(
     }
     read.place(object_from_node, mesh.materials.len() as u32);
     let normals = material.normal.as_ref().or(material.clearcoat.normal.as_ref());
-    if let (Some(map), false) = (normals, read.has_tangents) {
-        tangents::fill(&mut read.vertices, &mut read.indices, |vertex| {
+    let twins = match normals {
+        Some(map) if !read.has_tangents => tangents::fill(&mut read.vertices, &mut read.indices, |vertex| {
             map.texture.place_of(vertex)
-        });
-    }
+        }),
+        Some(_) | None => Vec::new(),
+    };
     let first = mesh.vertices.len() as u32;
     mesh.vertices.extend(read.vertices);
     mesh.indices.extend(read.indices.iter().map(|i| first + i));
     mesh.materials.push(material);
-    Ok(())
+    Ok(twins)
 }

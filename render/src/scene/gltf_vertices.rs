@@ -1,12 +1,12 @@
 //! Vertices and triangles of glTF files.
 
 use glam::{Mat3, Mat4, Vec3, Vec4};
-use gltf::accessor::{Accessor, DataType, Dimensions};
+use gltf::accessor::{DataType, Dimensions};
 use gltf::mesh::util::{ReadColors, ReadTexCoords};
 use gltf::{Primitive, Semantic};
 
 use super::material::UvSet;
-use super::{Vertex, tangents};
+use super::{Vertex, gltf_check, tangents};
 
 /// The triangles of a primitive.
 pub(super) struct Triangles {
@@ -180,64 +180,11 @@ fn check_attributes(primitive: &Primitive<'_>, buffers: &[gltf::buffer::Data]) -
             continue;
         };
         let name = semantic.to_string();
-        check_type(&name, &accessor, dimensions, types)?;
-        check_extent(&name, &accessor, buffers)?;
-        if accessor.count() != n_positions {
-            return Err(format!(
-                "`{name}` has {} values for {n_positions} positions",
-                accessor.count()
-            ));
-        }
+        gltf_check::accessor(&name, &accessor, (dimensions, types), buffers)?;
+        gltf_check::count(&name, &accessor, n_positions)?;
     }
     if let Some(accessor) = primitive.indices() {
-        check_type("indices", &accessor, &[Scalar], &[U8, U16, U32])?;
-        check_extent("indices", &accessor, buffers)?;
-    }
-    Ok(())
-}
-
-fn check_type(
-    name: &str,
-    accessor: &Accessor<'_>,
-    dimensions: &[Dimensions],
-    types: &[DataType],
-) -> Result<(), String> {
-    let found = (accessor.dimensions(), accessor.data_type());
-    if dimensions.contains(&found.0) && types.contains(&found.1) {
-        return Ok(());
-    }
-    Err(format!(
-        "`{name}` (accessor {}) is of type {:?} of {:?}; allowed are {dimensions:?} of {types:?}",
-        accessor.index(),
-        found.0,
-        found.1
-    ))
-}
-
-fn check_extent(name: &str, accessor: &Accessor<'_>, buffers: &[gltf::buffer::Data]) -> Result<(), String> {
-    let beyond = || format!("`{name}` (accessor {}) goes beyond its buffer", accessor.index());
-    if accessor.count() == 0 {
-        return Err(format!("`{name}` (accessor {}) is empty", accessor.index()));
-    }
-    let fits = |view: &gltf::buffer::View<'_>, offset: usize, n: usize, size: usize| {
-        let stride = view.stride().unwrap_or(size);
-        let held = buffers.get(view.buffer().index()).map_or(0, |data| data.0.len());
-        let end = (n - 1).checked_mul(stride)?.checked_add(offset)?.checked_add(size)?;
-        let view_end = view.offset().checked_add(view.length())?;
-        (stride >= size && end <= view.length() && view_end <= held).then_some(())
-    };
-    match accessor.view() {
-        Some(view) => fits(&view, accessor.offset(), accessor.count(), accessor.size()).ok_or_else(beyond)?,
-        None if accessor.sparse().is_some() => {}
-        None => return Err(format!("`{name}` (accessor {}) has no data", accessor.index())),
-    }
-    if let Some(sparse) = accessor.sparse() {
-        let (indices, values, n) = (sparse.indices(), sparse.values(), sparse.count());
-        if n == 0 {
-            return Err(format!("`{name}` (accessor {}) replaces no values", accessor.index()));
-        }
-        fits(&indices.view(), indices.offset(), n, indices.index_type().size()).ok_or_else(beyond)?;
-        fits(&values.view(), values.offset(), n, accessor.size()).ok_or_else(beyond)?;
+        gltf_check::accessor("indices", &accessor, (&[Scalar], &[U8, U16, U32]), buffers)?;
     }
     Ok(())
 }

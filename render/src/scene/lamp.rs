@@ -11,6 +11,7 @@ use glam::{Affine3A, Vec3};
 use mirrorball_calib::rig::Rig;
 use serde::Deserialize;
 
+use super::entry::listed;
 use super::{Object, affine};
 use crate::error::RenderError;
 
@@ -164,8 +165,11 @@ pub(super) fn read(
 
 fn lamp(entry: &LampEntry, rig: &Rig, objects: &[Object]) -> Result<Lamp, Wrong> {
     let color = Vec3::from(entry.color.unwrap_or([1.0; 3]));
-    if !color.is_finite() || color.min_element() < 0.0 || color == Vec3::ZERO {
-        return Err(("color", format!("{color} is no linear RGB of 0 or more, and not black")));
+    for channel in color.to_array() {
+        checked("color", channel, [0.0, 1000.0])?;
+    }
+    if color == Vec3::ZERO {
+        return Err(("color", "it is black; a lamp shines in some channel".into()));
     }
     let white_radiance = checked("white_radiance", entry.white_radiance, [1e-9, 1e9])?;
     let direction = unit("direction", entry.direction.unwrap_or([0.0, 0.0, -1.0]))?;
@@ -196,12 +200,17 @@ fn kind(entry: &LampEntry) -> Result<LampKind, Wrong> {
         ),
         ("half_size_m", entry.half_size_m.is_some(), "`rectangle`"),
         ("across", entry.across.is_some(), "`rectangle`"),
+        (
+            "position_m",
+            entry.position_m.is_some(),
+            "`point`, `spot` and `rectangle`",
+        ),
     ];
     let allowed: &[&str] = match entry.kind {
-        KindName::Point => &["radius_m"],
-        KindName::Spot => &["radius_m", "inner_deg", "outer_deg"],
+        KindName::Point => &["position_m", "radius_m"],
+        KindName::Spot => &["position_m", "radius_m", "inner_deg", "outer_deg"],
         KindName::Directional => &["angular_radius_deg"],
-        KindName::Rectangle => &["half_size_m", "across"],
+        KindName::Rectangle => &["position_m", "half_size_m", "across"],
     };
     for (field, is_given, kinds) in given {
         if is_given && !allowed.contains(&field) {
@@ -248,12 +257,18 @@ fn carrier(entry: &LampEntry, rig: &Rig, objects: &[Object]) -> Result<Carrier, 
             "a lamp goes with a `marker` or with an `object`, not both".into(),
         )),
         (Some(id), None) if rig.marker(id).is_some() => Ok(Carrier::Marker(id)),
-        (Some(id), None) => Err(("marker", format!("the rig has no marker `{id}`"))),
+        (Some(id), None) => {
+            let known = listed(rig.markers.iter().map(|marker| marker.id));
+            Err(("marker", format!("the rig has no marker `{id}`; it has {known}")))
+        }
         (None, Some(name)) => objects
             .iter()
             .position(|object| object.name == *name)
             .map(Carrier::Object)
-            .ok_or_else(|| ("object", format!("the scene has no object `{name}`"))),
+            .ok_or_else(|| {
+                let known = listed(objects.iter().map(|object| &object.name));
+                ("object", format!("the scene has no object `{name}`; it has {known}"))
+            }),
     }
 }
 

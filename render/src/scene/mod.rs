@@ -2,6 +2,7 @@
 
 mod animation;
 mod entry;
+mod gltf_check;
 mod gltf_image;
 mod gltf_lights;
 mod gltf_material;
@@ -118,6 +119,9 @@ pub struct Scene {
 /// then has radiance 1.
 const RADIANCE_PER_NIT: f32 = 0.01;
 
+/// Largest of it.
+const MAX_RADIANCE_PER_NIT: f32 = 1e6;
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SceneFile {
@@ -197,6 +201,7 @@ impl Scene {
             let mesh_file = folder.join(&entry.mesh);
             let playing = entry.playing();
             let choice = Choice {
+                scene_file: file,
                 up: entry.mesh_up,
                 node: entry.node.as_deref(),
                 playing: playing.as_ref(),
@@ -217,6 +222,10 @@ impl Scene {
         }
         let mut lamps = lamp::read(&parsed.lamps, (file, rig, &objects))?;
         lamps.extend(gltf_lamps(&parsed, &objects, file)?);
+        if lamps.len() > MAX_LAMPS {
+            let (found, limit) = (lamps.len(), MAX_LAMPS);
+            return Err(config_error(RenderError::TooManyLamps { found, limit }.to_string()));
+        }
         Ok(Self { objects, lamps })
     }
 
@@ -317,10 +326,12 @@ pub fn affine(pose: &Pose) -> Affine3A {
 /// The lights in the glTF files of the virtual objects.
 fn gltf_lamps(parsed: &SceneFile, objects: &[Object], file: &Path) -> Result<Vec<Lamp>, RenderError> {
     let radiance_per_nit = parsed.radiance_per_nit.unwrap_or(RADIANCE_PER_NIT);
-    if !(radiance_per_nit > 0.0 && radiance_per_nit.is_finite()) {
+    if !(radiance_per_nit > 0.0 && radiance_per_nit <= MAX_RADIANCE_PER_NIT) {
         return Err(RenderError::Config {
             file: file.to_owned(),
-            message: format!("`radiance_per_nit` is {radiance_per_nit}; it is above 0"),
+            message: format!(
+                "`radiance_per_nit` is {radiance_per_nit}; it is above 0 and at most {MAX_RADIANCE_PER_NIT}"
+            ),
         });
     }
     let mut lamps = Vec::new();
@@ -330,6 +341,8 @@ fn gltf_lamps(parsed: &SceneFile, objects: &[Object], file: &Path) -> Result<Vec
                 object: &object.name,
                 index,
                 up: entry.mesh_up,
+                node: entry.node.as_deref(),
+                scale: entry.scale.unwrap_or(1.0),
                 radiance_per_nit,
             };
             lamps.extend(gltf_lights::load(&object.file, &of)?);

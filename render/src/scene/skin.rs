@@ -1,21 +1,22 @@
 //! What a glTF file says about meshes that change their shape, read into a [`Puppet`].
 
-use std::collections::HashMap;
-
 use glam::{Mat3, Mat4, Vec3, Vec4};
+use gltf::Semantic;
+use gltf::accessor::{DataType, Dimensions};
 
 use super::animation::{Clip, ClipName, Skeleton};
 use super::puppet::{Binding, Joint, Morph, Puppet};
-use super::{Mesh, PathEnd};
+use super::{Mesh, PathEnd, gltf_check};
 
 /// Some vertices of the mesh, and where in the file they come from.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Part {
     pub(super) node: usize,
     /// Its number in the node's mesh.
     pub(super) primitive: usize,
     pub(super) first_vertex: usize,
-    pub(super) n_vertices: usize,
+    /// Vertices that come after one per position of the file: which of those each is split from.
+    pub(super) twins: Vec<u32>,
 }
 
 /// A file, and what was read of it.
@@ -87,13 +88,12 @@ fn read_part(
 ) -> Result<(), String> {
     let mesh = node.mesh().ok_or("it has no mesh")?;
     let primitive = mesh.primitives().nth(part.primitive).ok_or("a primitive is missing")?;
-    let reader = primitive.reader(|buffer| source.buffers.get(buffer.index()).map(|data| &data.0[..]));
-    let positions: Vec<Vec3> = reader
-        .read_positions()
-        .ok_or("a primitive has no positions")?
-        .map(Vec3::from)
-        .collect();
-    let origins = origins(source.mesh, part, &positions, object_from_node)?;
+    let positions = primitive
+        .get(&Semantic::Positions)
+        .ok_or("a primitive has no positions")?;
+    let n_positions = positions.count();
+    let twins = part.twins.iter().map(|&origin| origin as usize);
+    let origins: Vec<usize> = (0..n_positions).chain(twins).collect();
     let node_from_rest = object_from_node.inverse();
     let bindings = match node.skin() {
         Some(skin) => read_bindings((&skin, &primitive), source.buffers, node_from_rest, &mut puppet.joints)?,
@@ -103,16 +103,9 @@ fn read_part(
                 node: part.node,
                 node_from_rest,
             });
-            vec![binding([0; 4], [1.0, 0.0, 0.0, 0.0], first_joint); positions.len()]
+            vec![binding([0; 4], [1.0, 0.0, 0.0, 0.0], first_joint); n_positions]
         }
     };
-    if bindings.len() != positions.len() {
-        return Err(format!(
-            "{} joints and weights for {} positions",
-            bindings.len(),
-            positions.len()
-        ));
-    }
     puppet.bindings.extend(origins.iter().map(|&origin| bindings[origin]));
     let targets = read_targets(&primitive, source.buffers, &origins, object_from_node)?;
     if !targets.is_empty() {
@@ -142,6 +135,7 @@ fn read_bindings(
         node: joint.index(),
         node_from_rest: inverse_bind * node_from_rest,
     }));
+    check_bindings(primitive, buffers)?;
     let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let of_vertices = reader.read_joints(0).ok_or("a skinned primitive has no `JOINTS_0`")?;
     let weights = reader.read_weights(0).ok_or("a skinned primitive has no `WEIGHTS_0`")?;
@@ -163,6 +157,43 @@ fn read_bindings(
     Ok(bindings)
 }
 
+/// What the reader takes for granted (glTF 2.0, 3.7.3.3).
+fn check_bindings(primitive: &gltf::Primitive<'_>, buffers: &[gltf::buffer::Data]) -> Result<(), String> {
+    use DataType::{F32, U8, U16};
+    let n_positions = primitive.get(&Semantic::Positions).map_or(0, |a| a.count());
+    for (semantic, types) in [
+        (Semantic::Joints(0), &[U8, U16][..]),
+        (Semantic::Weights(0), &[F32, U8, U16]),
+    ] {
+        let name = semantic.to_string();
+        let accessor = primitive
+            .get(&semantic)
+            .ok_or_else(|| format!("a skinned primitive has no `{name}`"))?;
+        gltf_check::accessor(&name, &accessor, (&[Dimensions::Vec4], types), buffers)?;
+        gltf_check::count(&name, &accessor, n_positions)?;
+    }
+    Ok(())
+}
+
+/// What the reader takes for granted. An accessor without data holds zeros, which it reads as no offsets at all.
+fn check_targets(primitive: &gltf::Primitive<'_>, buffers: &[gltf::buffer::Data]) -> Result<(), String> {
+    let n_positions = primitive.get(&Semantic::Positions).map_or(0, |a| a.count());
+    for target in primitive.morph_targets() {
+        for (name, accessor) in [
+            ("POSITION of a target", target.positions()),
+            ("NORMAL of a target", target.normals()),
+            ("TANGENT of a target", target.tangents()),
+        ] {
+            let Some(accessor) = accessor.filter(|a| a.view().is_some() || a.sparse().is_some()) else {
+                continue;
+            };
+            gltf_check::accessor(name, &accessor, (&[Dimensions::Vec3], &[DataType::F32]), buffers)?;
+            gltf_check::count(name, &accessor, n_positions)?;
+        }
+    }
+    Ok(())
+}
+
 /// What morph targets add to every vertex, in the object's frame.
 fn read_targets(
     primitive: &gltf::Primitive<'_>,
@@ -170,6 +201,7 @@ fn read_targets(
     origins: &[usize],
     object_from_node: Mat4,
 ) -> Result<Vec<Vec<[Vec3; 2]>>, String> {
+    check_targets(primitive, buffers)?;
     let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let turn = Mat3::from_mat4(object_from_node);
     let targets: Vec<Vec<[Vec3; 2]>> = reader
@@ -192,25 +224,11 @@ fn read_targets(
     Ok(targets)
 }
 
-/// For every vertex of a part the position in the file that it comes from: vertices may have been split on the way.
-fn origins(mesh: &Mesh, part: &Part, positions: &[Vec3], object_from_node: Mat4) -> Result<Vec<usize>, String> {
-    if part.n_vertices == positions.len() {
-        return Ok((0..positions.len()).collect());
-    }
-    let bits = |place: [f32; 3]| place.map(f32::to_bits);
-    let of_place: HashMap<[u32; 3], usize> = positions
-        .iter()
-        .enumerate()
-        .map(|(index, place)| (bits(object_from_node.transform_point3(*place).to_array()), index))
-        .collect();
-    mesh.vertices[part.first_vertex..part.first_vertex + part.n_vertices]
-        .iter()
-        .map(|vertex| of_place.get(&bits(vertex.position)).copied())
-        .collect::<Option<Vec<usize>>>()
-        .ok_or_else(|| "a vertex belongs to no position of the file".into())
-}
-
 fn inverse_binds(skin: &gltf::Skin<'_>, buffers: &[gltf::buffer::Data]) -> Result<Vec<Mat4>, String> {
+    if let Some(accessor) = skin.inverse_bind_matrices() {
+        let allowed = (&[Dimensions::Mat4][..], &[DataType::F32][..]);
+        gltf_check::accessor("inverseBindMatrices", &accessor, allowed, buffers)?;
+    }
     let reader = skin.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
     let n_joints = skin.joints().count();
     let matrices: Vec<Mat4> = match reader.read_inverse_bind_matrices() {
@@ -304,7 +322,7 @@ mod tests {
             node: 0,
             primitive: 0,
             first_vertex: 0,
-            n_vertices: 4,
+            twins: Vec::new(),
         }];
         let source = Source {
             document: &parsed.document,

@@ -8,8 +8,9 @@ use glam::{Vec2, Vec3};
 use super::Vertex;
 
 /// Writes tangents into the vertices that `indices` use, `uv` being the coordinates that the normal map goes by. A vertex
-/// that triangles with mirrored and with unmirrored coordinates share is split.
-pub(super) fn fill(vertices: &mut Vec<Vertex>, indices: &mut [u32], uv: impl Fn(&Vertex) -> Vec2) {
+/// that triangles with mirrored and with unmirrored coordinates share is split: its twin comes after all others. Returns
+/// which vertex each of these is the twin of.
+pub(super) fn fill(vertices: &mut Vec<Vertex>, indices: &mut [u32], uv: impl Fn(&Vertex) -> Vec2) -> Vec<u32> {
     // Of every vertex: sums of the triangles whose coordinates run the right way round, and of the mirrored ones.
     let mut sums = vec![[Vec3::ZERO; 2]; vertices.len()];
     let mut used = vec![[false; 2]; vertices.len()];
@@ -25,6 +26,7 @@ pub(super) fn fill(vertices: &mut Vec<Vertex>, indices: &mut [u32], uv: impl Fn(
         }
     }
     let mut twins = vec![None; sums.len()];
+    let mut origins = Vec::new();
     for index in 0..sums.len() {
         let sides = used[index];
         let first = usize::from(!sides[0]);
@@ -34,6 +36,7 @@ pub(super) fn fill(vertices: &mut Vec<Vertex>, indices: &mut [u32], uv: impl Fn(
             twin.tangent = tangent(&twin, sums[index][1], 1);
             twins[index] = Some(vertices.len() as u32);
             vertices.push(twin);
+            origins.push(index as u32);
         }
     }
     for triangle in indices.chunks_exact_mut(3) {
@@ -44,6 +47,7 @@ pub(super) fn fill(vertices: &mut Vec<Vertex>, indices: &mut [u32], uv: impl Fn(
             }
         }
     }
+    origins
 }
 
 /// Any tangent of a surface with this normal.
@@ -124,7 +128,7 @@ mod tests {
             vertex([1.0, 0.0, 0.0], [1.0, 1.0]),
         ];
         let mut indices = [0, 3, 1, 0, 1, 2];
-        fill(&mut vertices, &mut indices, uv);
+        assert_eq!(fill(&mut vertices, &mut indices, uv), [0, 1]);
         assert_eq!(vertices.len(), 6);
         let tangents: Vec<[f32; 4]> = indices.iter().map(|&i| vertices[i as usize].tangent).collect();
         assert_eq!(tangents[..3], [[1.0, 0.0, 0.0, 1.0]; 3]);

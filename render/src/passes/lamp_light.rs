@@ -8,12 +8,11 @@ use super::groups;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
 use crate::gpu::timer::Timer;
-use crate::scene::{Lamp, LampKind, MAX_LAMPS};
+use crate::scene::{GONE, Lamp, LampKind, MAX_LAMPS};
 use crate::scene_gpu::SceneBuffers;
 use crate::scene_rays::SceneRays;
 use crate::shadow::dome::Step;
 use crate::shadow::surface::SurfaceViews;
-use mirrorball_calib::rig::Rig;
 
 /// A lamp as the shaders take it (`Lamp` in `shared/lamp.wgsl`).
 #[repr(C)]
@@ -42,13 +41,15 @@ pub struct GpuLamps {
 }
 
 impl GpuLamps {
-    /// The first [`MAX_LAMPS`] of `lamps`, moved with what carries them: markers of `rig`, objects at `placements` (world
-    /// from object).
+    /// The first [`MAX_LAMPS`] of `lamps`, moved with what carries them, world from carrier; a lamp whose carrier is [`GONE`]
+    /// is left out.
     #[must_use]
-    pub fn new(lamps: &[Lamp], rig: &Rig, placements: &[Affine3A]) -> Self {
+    pub fn new(lamps: &[Lamp], world_from_carrier: impl Fn(&Lamp) -> Affine3A) -> Self {
         let mut gpu = Self::zeroed();
-        for (slot, lamp) in gpu.all.iter_mut().zip(lamps) {
-            *slot = GpuLamp::new(lamp, lamp.world_from_carrier(rig, placements));
+        let placed = lamps.iter().map(|lamp| (lamp, world_from_carrier(lamp)));
+        let there = placed.filter(|(_, placement)| *placement != GONE);
+        for (slot, (lamp, placement)) in gpu.all.iter_mut().zip(there) {
+            *slot = GpuLamp::new(lamp, placement);
             gpu.counts[1] |= u32::from(!lamp.kind.is_hard()) << gpu.counts[0];
             gpu.counts[0] += 1;
         }

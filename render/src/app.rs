@@ -221,7 +221,11 @@ impl App {
     pub fn step(&mut self, patience: Duration) -> Result<Step, RenderError> {
         match self.frames.subscriber.receive(patience) {
             Ok(Received::Set(set)) => self.use_set(&set),
-            Ok(Received::TimedOut) => Ok(Step::Waiting),
+            Ok(Received::TimedOut) => {
+                // A scene that cannot be used is said to be so even while no frames come.
+                self.renew_scene();
+                Ok(Step::Waiting)
+            }
             Ok(Received::Ended) => {
                 self.join_reader()?;
                 Ok(Step::Ended)

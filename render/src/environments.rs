@@ -119,6 +119,10 @@ pub struct Environments {
     pub near_sh: wgpu::Buffer,
     /// Per slot, whether the distances around it are no longer right.
     stale: Vec<bool>,
+    /// Middles and radii (world, metres) of the objects that share the last slot; none where every object has its own.
+    sharing: Vec<(Vec3, f32)>,
+    /// The slots' parameters as they were last uploaded.
+    placed: Vec<GpuEnvironment>,
 }
 
 impl Environments {
@@ -144,15 +148,20 @@ impl Environments {
                 }
             })
             .collect();
-        if let Some(last) = slots.last_mut() {
-            // Objects without a slot of their own share the last, whose sphere then holds them too.
-            for (_, object) in scene.virtual_objects().skip(MAX_ENVIRONMENTS) {
-                let (center_m, radius_m) = object.bounding_sphere(rig);
+        // Objects without a slot of their own share the last.
+        let mut sharing = Vec::new();
+        if let Some(last) = slots.last_mut()
+            && scene.virtual_objects().count() > MAX_ENVIRONMENTS
+        {
+            for (_, object) in scene.virtual_objects().skip(MAX_ENVIRONMENTS - 1) {
                 last.is_glossy |= object.mesh.materials.iter().any(crate::scene::Material::is_glossy);
-                last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
+                sharing.push(object.bounding_sphere(rig));
             }
         }
-        Self::with_slots(gpu, slots)
+        let mut environments = Self::with_slots(gpu, slots);
+        environments.sharing = sharing;
+        environments.hold_sharing();
+        environments
     }
 
     /// Room for the light around known places.
@@ -191,6 +200,8 @@ impl Environments {
             ),
             near_sh: gpu.buffer("environment: near light", &black),
             stale: vec![false; slots.len()],
+            sharing: Vec::new(),
+            placed: Vec::with_capacity(slots.len()),
             slots,
         }
     }
@@ -203,10 +214,19 @@ impl Environments {
             if let Some(slot) = self.slots.get_mut(index) {
                 (slot.center_m, slot.radius_m) = (center_m, radius_m);
                 self.stale[index] = true;
-            } else if let Some(last) = self.slots.last_mut() {
-                // Objects without a slot of their own share the last, whose sphere then holds them too.
-                last.radius_m = last.radius_m.max(last.center_m.distance(center_m) + radius_m);
             }
+            let shared = (index + 1).checked_sub(MAX_ENVIRONMENTS);
+            if let Some(sphere) = shared.and_then(|shared| self.sharing.get_mut(shared)) {
+                *sphere = (center_m, radius_m);
+            }
+        }
+        self.hold_sharing();
+    }
+
+    /// Makes the sphere of the last slot hold all objects that share it.
+    fn hold_sharing(&mut self) {
+        if let (Some(last), false) = (self.slots.last_mut(), self.sharing.is_empty()) {
+            last.radius_m = reach_m(last.center_m, &self.sharing);
         }
     }
 
@@ -220,17 +240,18 @@ impl Environments {
     }
 
     /// Tells the shaders where the probe stands and how far away the room is.
-    pub fn place(&self, gpu: &Gpu, probe_m: Vec3, room_m: f32) {
+    pub fn place(&mut self, gpu: &Gpu, probe_m: Vec3, room_m: f32) {
         let parameters = |slot: &Slot| GpuEnvironment {
             position_m: slot.center_m.extend(room_m),
             probe_m: probe_m.extend(slot.radius_m),
         };
-        let all: Vec<GpuEnvironment> = self.slots.iter().map(parameters).collect();
-        for (slot, parameters) in self.slots.iter().zip(&all) {
+        self.placed.clear();
+        self.placed.extend(self.slots.iter().map(parameters));
+        for (slot, parameters) in self.slots.iter().zip(&self.placed) {
             gpu.write(&slot.parameters, &[*parameters]);
         }
-        if !all.is_empty() {
-            gpu.write(&self.all, &all);
+        if !self.placed.is_empty() {
+            gpu.write(&self.all, &self.placed);
         }
     }
 
@@ -316,6 +337,14 @@ impl Environments {
         }
         Ok(out)
     }
+}
+
+/// Radius, metres, of the sphere around `center_m` that holds all `spheres`, middles and radii.
+fn reach_m(center_m: Vec3, spheres: &[(Vec3, f32)]) -> f32 {
+    let reaches = spheres
+        .iter()
+        .map(|&(middle_m, radius_m)| center_m.distance(middle_m) + radius_m);
+    reaches.fold(0.0, f32::max)
 }
 
 /// The harmonics of one slot in a buffer of all.

@@ -135,6 +135,14 @@ pub enum RenderError {
         #[source]
         source: std::io::Error,
     },
+    /// A changed scene brought the renderer to a fault of its own.
+    #[error("`{}` cannot be shown; the program is at fault: {message}", file.display())]
+    Fault {
+        /// The scene file.
+        file: PathBuf,
+        /// What the panic said.
+        message: String,
+    },
     /// A frame's bytes are no picture.
     #[error("cannot decode frame {sequence} of camera `{camera}`")]
     Decode {
@@ -237,6 +245,9 @@ impl RenderError {
             Self::Handover { source, .. } => Some(source.hint().into()),
             Self::NoSceneFrame { .. } => Some("give the rig file that belongs to these cameras".into()),
             Self::Signals { .. } | Self::Watch { .. } => None,
+            Self::Fault { .. } => {
+                Some("undo the last change of the scene, and report it with the scene's files".into())
+            }
             Self::EnvironmentIn { .. } => {
                 Some("give an equirectangular OpenEXR map like those of `--environment-out`".into())
             }
@@ -282,7 +293,8 @@ impl RenderError {
             | Self::Gpu { .. }
             | Self::Window { .. }
             | Self::Signals { .. }
-            | Self::Watch { .. } => false,
+            | Self::Watch { .. }
+            | Self::Fault { .. } => false,
         }
     }
 }

@@ -151,7 +151,9 @@ impl RenderNode {
         gpu.write(&self.pictures.strong, &[gpu_strong(light)]);
         gpu.write(
             &self.scene.lamps,
-            &[GpuLamps::new(&self.lamps, &self.given_rig, &self.placements)],
+            &[GpuLamps::new(&self.lamps, |lamp| {
+                self.whereabouts.world_from_carrier(lamp, &self.given_rig)
+            })],
         );
         self.environments
             .place(gpu, self.probe.optics().position_m(), light.room_m);

@@ -22,7 +22,7 @@ use mirrorball_render::mode::{Mode, Surround};
 use mirrorball_render::node::{RenderNode, Work};
 use mirrorball_render::output::file::{EnvironmentOut, FolderSink};
 use mirrorball_render::output::{Sink, window};
-use mirrorball_render::reload::SceneWatch;
+use mirrorball_render::reload::{SceneWatch, Versions};
 use mirrorball_render::scene::Scene;
 use mirrorball_render::shadow::ShadowMethod;
 
@@ -113,6 +113,7 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     config.mode.name = arguments.mode.unwrap_or(config.mode.name);
     let input = input(&arguments.input);
     let rig = load_rig(&arguments.input)?;
+    let versions = Versions::of(&arguments.scene);
     let scene = Scene::load(&arguments.scene, &rig)?;
     for warning in scene.warnings() {
         tracing::warn!("{warning}");
@@ -152,7 +153,7 @@ fn run(arguments: &Arguments) -> Result<(), RenderError> {
     if node.mode().surround() == Surround::Nothing {
         tracing::info!("shadows are off: a display that one looks through adds light and takes none away");
     }
-    let watch = SceneWatch::start(&arguments.scene, &scene, &node)?;
+    let watch = SceneWatch::start(&arguments.scene, versions, &node)?;
     let mut app = App::new(node, frames, sinks).watching(watch);
     let stop = stop_flag()?;
     let should_stop = || stop.load(Ordering::Relaxed);

@@ -121,6 +121,8 @@ pub struct RenderNode {
     pub(crate) tracker: Tracker,
     pub(crate) sharpness: Sharpness,
     pub(crate) probe: LightProbe,
+    /// Places that the probe was made for, world, metres.
+    pub(crate) interest: Vec<Vec3>,
     pub(crate) light: Option<Light>,
     /// Per camera of the rig, the last frame that was taken into the light.
     pub(crate) measured: Vec<Option<MeasuredFrame>>,
@@ -261,6 +263,7 @@ impl RenderNode {
             checked_sets: 0,
             occluders,
             probe,
+            interest,
             shadows,
             pictures,
             passes,
@@ -338,8 +341,10 @@ impl RenderNode {
         }
     }
 
-    /// Goes on with what `before`, a node of the same rig, has measured: with the light, with the probe where the phantoms that
-    /// stand still are the same, with the clock and the markers of moving objects. The node before is of no use afterwards.
+    /// Goes on with what `before`, a node of the same rig, has measured and shows: with the light, with the blur of the
+    /// pictures, with the clock and the markers of moving objects, with the buffers that are shown; with the probe where the
+    /// phantoms that stand still and the places of the virtual objects are the same, else the light before stays until the
+    /// new probe has measured. The node before is of no use afterwards.
     ///
     /// # Errors
     /// As [`RenderNode::set_shadow_method`]; `before` is then as it was.
@@ -355,10 +360,15 @@ impl RenderNode {
         self.given_light = before.given_light.take();
         self.ball_place = before.ball_place.take();
         self.blind = before.blind.take();
-        if self.occluders.triangles() == before.occluders.triangles() && self.rig == before.rig {
+        let is_same_view =
+            self.occluders.triangles() == before.occluders.triangles() && self.interest == before.interest;
+        if is_same_view && self.rig == before.rig {
             std::mem::swap(&mut self.probe, &mut before.probe);
             std::mem::swap(&mut self.measured, &mut before.measured);
         }
+        std::mem::swap(&mut self.sharpness, &mut before.sharpness);
+        let shown = before.shown().to_vec();
+        self.show(&shown);
         Ok(())
     }
 

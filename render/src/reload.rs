@@ -1,5 +1,7 @@
 //! The scene file watched while the node runs: a changed scene is read and built beside the frames and put in between two.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,28 +26,52 @@ pub struct SceneWatch {
     thread: Option<JoinHandle<()>>,
 }
 
+/// A scene's files as they are at one time.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Versions(Vec<(PathBuf, Version)>);
+
 /// What tells a file from its next version: when it was written and how long it is; `None` when it is not there.
 type Version = Option<(SystemTime, u64)>;
 
 struct Watcher {
     file: PathBuf,
     parts: NodeParts,
-    /// The files and what they were when they were last read.
-    known: Vec<(PathBuf, Version)>,
+    /// The files just before they were last read.
+    read: Versions,
+    /// The files at the look before, where they were not as last read.
+    changing: Option<Versions>,
+}
+
+impl Versions {
+    /// The files of the scene in `file`: to be taken before the scene is read, so that no change falls between.
+    #[must_use]
+    pub fn of(file: &Path) -> Self {
+        let own = (file.to_owned(), version(file));
+        let named = Scene::files(file).into_iter().map(|file| {
+            let version = version(&file);
+            (file, version)
+        });
+        Self(std::iter::once(own).chain(named).collect())
+    }
+
+    /// The same files as they are now.
+    fn now(&self) -> Self {
+        Self(self.0.iter().map(|(file, _)| (file.clone(), version(file))).collect())
+    }
 }
 
 impl SceneWatch {
-    /// Watches the file that `scene` came from, for the node that shows it.
+    /// Watches `file`, whose scene `node` shows; `read` are its files before they were read for that.
     ///
     /// # Errors
     /// [`RenderError::Watch`] when the system gives no thread.
-    pub fn start(file: &Path, scene: &Scene, node: &RenderNode) -> Result<Self, RenderError> {
-        let mut watcher = Watcher {
+    pub fn start(file: &Path, read: Versions, node: &RenderNode) -> Result<Self, RenderError> {
+        let watcher = Watcher {
             file: file.to_owned(),
             parts: node.parts(),
-            known: Vec::new(),
+            read,
+            changing: None,
         };
-        watcher.know(scene);
         let (outcome, stop) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
         let (to, should_stop) = (outcome.clone(), stop.clone());
         let thread = std::thread::Builder::new()
@@ -91,21 +117,32 @@ impl Watcher {
         }
     }
 
-    /// Builds the scene anew if any of its files has changed since it was last read.
+    /// Builds the scene anew if any of its files is not as it was last read.
     fn look(&mut self) -> Option<Outcome> {
-        if self.known.iter().all(|(file, known)| version(file) == *known) {
+        let now = self.read.now();
+        if now == self.read {
+            self.changing = None;
             return None;
         }
-        // Before reading: a change that comes meanwhile is seen the next time.
-        for (file, known) in &mut self.known {
-            *known = version(file);
+        if self.changing.as_ref() != Some(&now) {
+            // Perhaps still being written: it is read once it has been the same for a while.
+            self.changing = Some(now);
+            return None;
         }
-        Some(self.build())
+        self.changing = None;
+        self.read = Versions::of(&self.file);
+        let built = catch_unwind(AssertUnwindSafe(|| self.build()));
+        // Nothing of the watcher is changed by building, so it can go on after a panic.
+        Some(built.unwrap_or_else(|panic| {
+            Err(RenderError::Fault {
+                file: self.file.clone(),
+                message: words(&*panic),
+            })
+        }))
     }
 
-    fn build(&mut self) -> Outcome {
+    fn build(&self) -> Outcome {
         let scene = Scene::load(&self.file, &self.parts.rig)?;
-        self.know(&scene);
         for warning in scene.warnings() {
             tracing::warn!("{warning}");
         }
@@ -117,24 +154,14 @@ impl Watcher {
         )
         .map(Box::new)
     }
+}
 
-    /// Watches the files of `scene`; those that were watched already keep the version that was read.
-    fn know(&mut self, scene: &Scene) {
-        let mut files = vec![self.file.clone()];
-        files.extend(scene.files());
-        let before = std::mem::take(&mut self.known);
-        self.known = files
-            .into_iter()
-            .map(|file| {
-                let read = before
-                    .iter()
-                    .find(|(known, _)| *known == file)
-                    .map(|(_, version)| *version);
-                let version = read.unwrap_or_else(|| version(&file));
-                (file, version)
-            })
-            .collect();
-    }
+/// What a panic said.
+fn words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("it did not say why")
+        .to_owned()
 }
 
 fn version(file: &Path) -> Version {

@@ -47,8 +47,12 @@ pub struct SceneBuffers {
     of_object: Vec<Vec<u32>>,
     /// Of every object that changes its shape, its vertices.
     bending: Vec<Option<Bending>>,
+    /// Of every object, whether it moves or changes its shape.
+    moves: Vec<bool>,
     /// Environment slot of every object, and 1 for a virtual one.
     slots: Vec<[u32; 2]>,
+    /// The objects as they were last uploaded.
+    placed: Vec<GpuObject>,
 }
 
 /// Vertices of an object that changes its shape.
@@ -81,6 +85,8 @@ pub struct Blended {
     pub triangles: IndexRange,
     /// Middle of their corners in the object's frame, metres.
     pub middle_m: Vec3,
+    /// Their corners among the scene's vertices.
+    corners: Vec<u32>,
 }
 
 /// Indices of some triangles.
@@ -153,6 +159,7 @@ impl SceneBuffers {
             }
             items
         };
+        // A buffer holds one object at least.
         objects.push(GpuObject::new(Affine3A::IDENTITY, 0, 0));
         let is_blended = |triangle: &[u32]| {
             let material = vertices[triangle[0] as usize].material;
@@ -170,9 +177,11 @@ impl SceneBuffers {
             virtuals: IndexRange::new(gpu, "scene: virtual triangles", &virtuals),
             of_object,
             bending,
+            moves: scene.objects.iter().map(|object| object.movement.moves()).collect(),
             slots,
             has_glass: materials.iter().any(|material: &Material| material.transmission > 0.0),
             objects: gpu.buffer("scene: objects", &objects),
+            placed: objects,
             materials: SceneMaterials::new(gpu, &materials)?,
             lamps: gpu.buffer("scene: lamps", &[<GpuLamps as bytemuck::Zeroable>::zeroed()]),
             n_lamps: scene.lamps.len(),
@@ -194,16 +203,27 @@ impl SceneBuffers {
     /// Every object's triangles, as rays take them.
     #[must_use]
     pub fn objects_of_rays(&self) -> Vec<ObjectTriangles<'_>> {
-        self.of_object
-            .iter()
-            .zip(&self.slots)
-            .map(|(indices, &[slot, is_virtual])| ObjectTriangles {
-                vertices: &self.kept,
-                indices,
-                kind: if is_virtual == 1 { Kind::Virtual } else { Kind::Phantom },
-                slot,
-            })
+        (0..self.of_object.len())
+            .map(|object| self.object_of_rays(object))
             .collect()
+    }
+
+    /// One object's triangles, as rays take them.
+    #[must_use]
+    pub fn object_of_rays(&self, object: usize) -> ObjectTriangles<'_> {
+        let [slot, is_virtual] = self.slots[object];
+        ObjectTriangles {
+            vertices: &self.kept,
+            indices: &self.of_object[object],
+            kind: if is_virtual == 1 { Kind::Virtual } else { Kind::Phantom },
+            slot,
+        }
+    }
+
+    /// Whether an object may be elsewhere, or of another shape, from one frame to the next.
+    #[must_use]
+    pub fn moves(&self, object: usize) -> bool {
+        self.moves[object]
     }
 
     /// Whether any object changes its shape.
@@ -223,18 +243,17 @@ impl SceneBuffers {
         let offset = (range.start * size_of::<Vertex>()) as u64;
         gpu.queue
             .write_buffer(&self.vertices, offset, bytemuck::cast_slice(vertices));
+        for blended in self.blended.iter_mut().filter(|blended| blended.object == object) {
+            blended.middle_m = middle_m(&self.kept, &blended.corners);
+        }
     }
 
     /// Moves the objects: one placement per object, world from object; [`crate::scene::GONE`] ones are not drawn.
-    pub fn place(&self, gpu: &Gpu, placements: &[Affine3A]) {
-        let objects: Vec<GpuObject> = placements
-            .iter()
-            .zip(&self.slots)
-            .map(|(&placement, &[slot, is_virtual])| GpuObject::new(placement, slot, is_virtual))
-            .collect();
-        if !objects.is_empty() {
-            gpu.write(&self.objects, &objects);
+    pub fn place(&mut self, gpu: &Gpu, placements: &[Affine3A]) {
+        for ((placed, &placement), &[slot, is_virtual]) in self.placed.iter_mut().zip(placements).zip(&self.slots) {
+            *placed = GpuObject::new(placement, slot, is_virtual);
         }
+        gpu.write(&self.objects, &self.placed);
     }
 }
 
@@ -247,14 +266,16 @@ impl Blended {
             .map(|own| Self {
                 object: object(own[0]) as usize,
                 triangles: IndexRange::new(gpu, "scene: blended triangles", own),
-                middle_m: own
-                    .iter()
-                    .map(|&i| Vec3::from(vertices[i as usize].position))
-                    .sum::<Vec3>()
-                    / own.len() as f32,
+                middle_m: middle_m(vertices, own),
+                corners: own.to_vec(),
             })
             .collect()
     }
+}
+
+fn middle_m(vertices: &[Vertex], corners: &[u32]) -> Vec3 {
+    let places = corners.iter().map(|&i| Vec3::from(vertices[i as usize].position));
+    places.sum::<Vec3>() / corners.len() as f32
 }
 
 impl IndexRange {

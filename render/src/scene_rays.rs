@@ -81,7 +81,7 @@ impl SceneRays {
         let Some(hierarchies) = &mut self.in_memory else {
             return;
         };
-        let triangles = scene.objects_of_rays()[object];
+        let triangles = scene.object_of_rays(object);
         let place_of = |vertex: u32| Vec3::from(triangles.vertices[vertex as usize].position);
         hierarchies.refit(gpu, &self.hierarchy, self.parts[object].clone(), place_of);
         self.known[object].sphere_m = triangles.sphere_m();

@@ -8,7 +8,7 @@ use mirrorball_calib::rig::{Marker, Rig};
 use mirrorball_capture::frame::Frame;
 
 use crate::node::RenderNode;
-use crate::scene::{GONE, Kind, Motion, Placement, Puppet, Scene, Vertex, affine, bounding_sphere};
+use crate::scene::{Carrier, GONE, Kind, Lamp, Motion, Placement, Puppet, Scene, Vertex, affine, bounding_sphere};
 use crate::tracker::Tracker;
 
 /// The objects of a scene over time.
@@ -16,8 +16,8 @@ use crate::tracker::Tracker;
 pub struct Whereabouts {
     actors: Vec<Actor>,
     markers: Vec<MovingMarker>,
-    /// Time stamp of the first frame, nanoseconds.
-    first_ns: Option<u64>,
+    /// Time stamps of the first frame and of the last one, nanoseconds.
+    first_and_last_ns: Option<[u64; 2]>,
     placements: Vec<Affine3A>,
     changes: Changes,
 }
@@ -62,6 +62,9 @@ struct MovingMarker {
     marker: Marker,
     world_from_marker: Pose,
     seen_s: Option<f64>,
+    /// Longest time that any of its objects stays where it was last seen, seconds: so long its lamps shine.
+    hold_s: f64,
+    is_held: bool,
 }
 
 impl Changes {
@@ -82,6 +85,8 @@ impl Whereabouts {
                 marker: *marker,
                 world_from_marker: marker.world_from_marker,
                 seen_s: None,
+                hold_s: scene.longest_hold_s(marker.id),
+                is_held: false,
             })
             .collect();
         let actor = |object: &crate::scene::Object| Actor {
@@ -109,7 +114,7 @@ impl Whereabouts {
         Self {
             actors: scene.objects.iter().map(actor).collect(),
             markers,
-            first_ns: None,
+            first_and_last_ns: None,
             placements: scene
                 .objects
                 .iter()
@@ -128,16 +133,50 @@ impl Whereabouts {
         &self.placements
     }
 
+    /// Where a moving marker is, world from marker; [`GONE`] when it has not been seen for longer than all its objects stay.
+    /// `None` for a marker that stands still.
+    #[must_use]
+    pub fn world_from_marker(&self, id: u32) -> Option<Affine3A> {
+        let moving = self.markers.iter().find(|moving| moving.marker.id == id)?;
+        Some(if moving.is_held {
+            affine(&moving.world_from_marker)
+        } else {
+            GONE
+        })
+    }
+
+    /// Placement of what carries a lamp, world from carrier; [`GONE`] when that is not to be seen. Markers that stand still are
+    /// where `rig` says.
+    #[must_use]
+    pub fn world_from_carrier(&self, lamp: &Lamp, rig: &Rig) -> Affine3A {
+        let moving = match lamp.carrier {
+            Carrier::Marker(id) => self.world_from_marker(id),
+            Carrier::World | Carrier::Object(_) => None,
+        };
+        moving.unwrap_or_else(|| lamp.world_from_carrier(rig, &self.placements))
+    }
+
     /// What the last step changed.
     #[must_use]
     pub fn changes(&self) -> &Changes {
         &self.changes
     }
 
-    /// Seconds from the first frame that was asked about to the one taken at `timestamp_ns`.
+    /// Seconds from the first frame that was asked about to the one taken at `timestamp_ns`. Where time stamps go back, as
+    /// when a recording begins anew, this starts from 0 again.
     pub fn time_s(&mut self, timestamp_ns: u64) -> f64 {
-        let first_ns = *self.first_ns.get_or_insert(timestamp_ns);
-        timestamp_ns.saturating_sub(first_ns) as f64 * 1e-9
+        let first_ns = match self.first_and_last_ns {
+            Some([first, last]) if last <= timestamp_ns => first,
+            Some(_) => {
+                for moving in &mut self.markers {
+                    moving.seen_s = moving.seen_s.and(Some(0.0));
+                }
+                timestamp_ns
+            }
+            None => timestamp_ns,
+        };
+        self.first_and_last_ns = Some([first_ns, timestamp_ns]);
+        (timestamp_ns - first_ns) as f64 * 1e-9
     }
 
     /// Goes on to `time_s`; `find` looks for a marker, world from marker, near where it was.
@@ -147,6 +186,7 @@ impl Whereabouts {
                 moving.world_from_marker = found;
                 moving.seen_s = Some(time_s);
             }
+            moving.is_held = moving.is_held_for(moving.hold_s, time_s);
         }
         self.changes.phantoms = false;
         for (index, actor) in self.actors.iter_mut().enumerate() {
@@ -179,13 +219,20 @@ impl Whereabouts {
 
     /// Goes on from where `before` was: the clock and the places of markers that both have.
     pub fn take_over(&mut self, before: &Self) {
-        self.first_ns = before.first_ns;
+        self.first_and_last_ns = before.first_and_last_ns;
         for moving in &mut self.markers {
             let known = before.markers.iter().find(|other| other.marker.id == moving.marker.id);
             if let Some(known) = known {
                 (moving.world_from_marker, moving.seen_s) = (known.world_from_marker, known.seen_s);
             }
         }
+    }
+}
+
+impl MovingMarker {
+    /// Whether it was seen in the last `hold_s` seconds.
+    fn is_held_for(&self, hold_s: f64, time_s: f64) -> bool {
+        self.seen_s.is_some_and(|seen_s| time_s - seen_s <= hold_s)
     }
 }
 
@@ -212,7 +259,7 @@ impl Actor {
                 hold_s,
             } => {
                 let moving = &markers[*index];
-                if moving.seen_s.is_none_or(|seen_s| time_s - seen_s > *hold_s) {
+                if !moving.is_held_for(*hold_s, time_s) {
                     return GONE;
                 }
                 affine(&moving.world_from_marker) * *marker_from_placement
@@ -254,7 +301,8 @@ impl RenderNode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Mesh, Movement, Object};
+    use crate::passes::lamp_light::GpuLamps;
+    use crate::scene::{LampKind, Mesh, Movement, Object};
     use glam::DVec3;
     use std::path::{Path, PathBuf};
 
@@ -310,5 +358,62 @@ mod tests {
         let mut whereabouts = Whereabouts::new(&on_marker(0.5), &rig());
         assert_eq!(whereabouts.time_s(5_000_000_000), 0.0);
         assert_eq!(whereabouts.time_s(5_250_000_000), 0.25);
+    }
+
+    #[test]
+    fn a_recording_that_begins_anew_starts_the_time_anew() {
+        let mut whereabouts = Whereabouts::new(&on_marker(0.5), &rig());
+        let seen = Pose::identity();
+        for timestamp_ns in [5_000_000_000, 9_000_000_000] {
+            let time_s = whereabouts.time_s(timestamp_ns);
+            whereabouts.advance(time_s, |_, _| Some(seen));
+        }
+        let begun_s = whereabouts.time_s(5_000_000_000);
+        assert_eq!(begun_s, 0.0);
+        whereabouts.advance(begun_s, |_, _| None);
+        assert_eq!(whereabouts.placements(), [affine(&seen)], "it has just been seen");
+        let later_s = whereabouts.time_s(6_000_000_000);
+        assert_eq!(later_s, 1.0);
+        whereabouts.advance(later_s, |_, _| None);
+        assert_eq!(whereabouts.placements(), [GONE]);
+    }
+
+    #[test]
+    fn a_lamp_goes_with_the_marker_of_an_object_that_moves() {
+        let rig = rig();
+        let lamp = Lamp {
+            name: "torch".into(),
+            kind: LampKind::Point { radius_m: 0.0 },
+            irradiance: Vec3::ONE,
+            carrier: Carrier::Marker(1),
+            position_m: Vec3::Z,
+            direction: Vec3::NEG_Z,
+            across: Vec3::X,
+        };
+        let mut whereabouts = Whereabouts::new(&on_marker(0.5), &rig);
+        let at = Pose {
+            translation: DVec3::new(0.3, 0.1, 0.0),
+            ..Pose::identity()
+        };
+        whereabouts.advance(1.0, |_, _| Some(at));
+        let n_shining = |whereabouts: &Whereabouts| {
+            let gpu = GpuLamps::new(std::slice::from_ref(&lamp), |lamp| {
+                whereabouts.world_from_carrier(lamp, &rig)
+            });
+            (gpu.counts[0], gpu.all[0].position_m.truncate())
+        };
+        assert_eq!(n_shining(&whereabouts), (1, Vec3::new(0.3, 0.1, 1.0)));
+        whereabouts.advance(1.6, |_, _| None);
+        assert_eq!(
+            n_shining(&whereabouts),
+            (0, Vec3::ZERO),
+            "the marker is gone, the lamp with it"
+        );
+        let standing = Lamp {
+            carrier: Carrier::Marker(0),
+            ..lamp.clone()
+        };
+        let expected = standing.world_from_carrier(&rig, &[]);
+        assert_eq!(whereabouts.world_from_carrier(&standing, &rig), expected);
     }
 }

@@ -68,7 +68,7 @@ fn lit(gpu: &Gpu, rig: &Rig, scene: &Scene) -> Lit {
     let surface = LensSurface::new(gpu, "phantoms", (&camera, &buffers), model.intrinsics.size_px);
     let light = ShadowedLight::new(gpu, surface.views());
     let pass = LampLight::new(gpu, (&buffers, &rays), (surface.views(), &light));
-    let lamps = GpuLamps::new(&scene.lamps, rig, &placements);
+    let lamps = GpuLamps::new(&scene.lamps, |lamp| lamp.world_from_carrier(rig, &placements));
     gpu.write(&buffers.lamps, &[lamps]);
     let mut timer = Timer::new(gpu);
     let mut encoder = gpu
@@ -297,7 +297,9 @@ fn a_highlight_on_rough_metal_is_the_path_tracers() {
     };
     let expected = PathTracer::new(&gpu).render(&gpu, &traced, &job).unwrap().radiance;
     let mut stage = support::stage::Stage::new(gpu, &rig, &scene, [64, 1]);
-    let lamps = GpuLamps::new(&scene.lamps, &rig, &[Affine3A::IDENTITY]);
+    let lamps = GpuLamps::new(&scene.lamps, |lamp| {
+        lamp.world_from_carrier(&rig, &[Affine3A::IDENTITY])
+    });
     stage.gpu.write(&stage.buffers.lamps, &[lamps]);
     // All of the lamp's light arrives.
     let shares = support::halves((0..2 * 320 * 240).map(|_| Vec4::ONE));
@@ -470,7 +472,7 @@ fn lamps_move_with_what_carries_them() {
         ..lamp(LampKind::Rectangle { half_m: [0.2, 0.1] }, Vec3::new(0.1, 0.0, 0.0))
     };
     let lamps = [at(Carrier::World), at(Carrier::Marker(1)), at(Carrier::Object(0))];
-    let gpu = GpuLamps::new(&lamps, &rig, &placements);
+    let gpu = GpuLamps::new(&lamps, |lamp| lamp.world_from_carrier(&rig, &placements));
     assert_eq!(gpu.counts[..2], [3, 0b111], "rectangles are soft");
     let is = |found: Vec4, expected: Vec3| assert!(found.xyz().distance(expected) < 1e-5, "{found}, not {expected}");
     is(gpu.all[0].position_m, Vec3::new(0.1, 0.0, 0.0));

@@ -14,7 +14,7 @@ use mirrorball_render::config::{RenderConfig, SceneCamera};
 use mirrorball_render::error::RenderError;
 use mirrorball_render::gpu::Gpu;
 use mirrorball_render::node::{RenderNode, RenderedFrame};
-use mirrorball_render::reload::{Outcome, SceneWatch};
+use mirrorball_render::reload::{Outcome, SceneWatch, Versions};
 use mirrorball_render::scene::{Kind, Motion, Movement, PathEnd, Placement, Scene, Waypoint};
 
 /// Radiance of the sky, the same in every direction and channel: 0.6 of full scale in both cameras.
@@ -260,13 +260,24 @@ impl Folder {
     fn write(&self, keys: &str) {
         let text =
             format!("version = 1\n[[object]]\nname = \"cube\"\nkind = \"virtual\"\nmesh = \"cube.glb\"\n{keys}\n");
-        std::fs::write(self.file(), text).expect("the folder is writable");
+        self.put("scene.toml", &text);
+    }
+
+    /// Writes a file and gives it its name when it is whole, as editors do.
+    fn put(&self, name: &str, text: &str) {
+        let unfinished = self.0.path().join("unfinished");
+        std::fs::write(&unfinished, text).expect("the folder is writable");
+        std::fs::rename(unfinished, self.0.path().join(name)).expect("the folder is writable");
     }
 
     fn load(&self) -> Result<Scene, RenderError> {
         Scene::load(&self.file(), &support::rig())
     }
 }
+
+/// Two objects on a marker that moves for the first of them only.
+const MOVES_FOR_ONE: &str = "marker = 1\nmarker_moves = true\n\
+    [[object]]\nname = \"other\"\nkind = \"virtual\"\nmesh = \"cube.glb\"\nmarker = 1";
 
 /// What the watch says next; it looks once a second.
 fn next(watch: &SceneWatch) -> Outcome {
@@ -287,9 +298,10 @@ fn a_changed_scene_is_taken_over_and_one_that_fails_leaves_the_one_before() {
     let place =
         |x: &str| format!("scale = 0.5\nworld_from_object = [[1, 0, 0, {x}], [0, 1, 0, 0.02], [0, 0, 1, 0.03]]");
     folder.write(&place("0.0"));
-    let scene = folder.load().expect("the scene is right");
-    let mut shown = node(gpu, &rig, &scene);
-    let watch = SceneWatch::start(&folder.file(), &scene, &shown).expect("the system has threads");
+    let versions = Versions::of(&folder.file());
+    let mut shown = node(gpu, &rig, &folder.load().expect("the scene is right"));
+    let buffers = ["ratio".parse().expect("it is in the table")];
+    let watch = SceneWatch::start(&folder.file(), versions, &shown).expect("the system has threads");
     let frames = set(&rig, &rig, 1);
     let before = render(&mut shown, &frames);
 
@@ -300,14 +312,49 @@ fn a_changed_scene_is_taken_over_and_one_that_fails_leaves_the_one_before() {
 
     folder.write(&place("0.0625"));
     let mut renewed = next(&watch).expect("the scene is right again");
+    shown.show(&buffers);
+    let sharpness = shown.sharpness();
+    assert!(sharpness.is_some(), "the markers' edges tell it");
     renewed.take_over(&mut shown).expect("the method takes the scene");
     assert!(renewed.light().is_some(), "the light goes on");
+    assert_eq!(renewed.sharpness(), sharpness, "the blur goes on");
+    assert_eq!(renewed.shown(), buffers, "what is shown goes on");
+    renewed.show(&[]);
     let after = render(&mut renewed, &frames);
     let (worst, _) = difference(&before, &after);
     assert!(worst > 20, "the object has moved");
     let Some(gpu) = support::gpu() else { return };
     let fresh = render(&mut node(gpu, &rig, &folder.load().expect("as before")), &frames);
     assert_same(&after, &fresh, "after the reload");
+}
+
+#[test]
+fn a_scene_that_fails_is_read_again_when_a_file_that_it_names_changes() {
+    let Some(gpu) = support::gpu() else { return };
+    let folder = Folder::new();
+    folder.write("");
+    let versions = Versions::of(&folder.file());
+    let shown = node(gpu, &support::rig(), &folder.load().expect("the scene is right"));
+    // Between reading and watching.
+    write_turning(folder.0.path());
+    folder.put("scene.toml", &SCENE_OF_TURNING.replace("turning", "other"));
+    let watch = SceneWatch::start(&folder.file(), versions, &shown).expect("the system has threads");
+    let error = next(&watch).expect_err("the mesh is not there yet");
+    assert!(error.to_string().contains("other.gltf"), "{error}");
+
+    let text = std::fs::read_to_string(folder.0.path().join("turning.gltf")).expect("it was written");
+    folder.put("other.gltf", &text.replace("turning.bin", "a%20b.bin"));
+    let error = next(&watch).expect_err("the buffer is not there yet");
+    assert!(matches!(error, RenderError::Mesh { .. }), "{error}");
+    std::fs::copy(folder.0.path().join("turning.bin"), folder.0.path().join("a b.bin")).expect("it is writable");
+    next(&watch).expect("everything is there");
+
+    // The glTF reader takes for granted that this is text.
+    folder.put("other.gltf", &text.replace("turning.bin", "%ff.bin"));
+    let error = next(&watch).expect_err("no file has this name");
+    assert!(matches!(error, RenderError::Fault { .. }), "{error}");
+    folder.put("other.gltf", &text);
+    next(&watch).expect("the watch goes on");
 }
 
 #[test]
@@ -331,6 +378,10 @@ fn bad_scenes_say_what_is_wrong_and_what_there_is() {
             "object `cube`, `world_from_object`: ",
         ),
         ("marker_moves = true", "`marker_moves`: only with `marker`"),
+        (
+            MOVES_FOR_ONE,
+            "object `other`, `marker_moves`: it is `false`, and `true` for object `cube`",
+        ),
         ("marker = 0\nmarker_moves = true", "`0` is the rig's main marker"),
         ("marker = 1\nhold_s = 1.0", "`hold_s`: only with `marker_moves`"),
         ("marker = 1\nmarker_moves = true\nhold_s = -1.0", "`hold_s`: it is `-1`"),
@@ -460,19 +511,21 @@ fn write_turning(folder: &Path) {
     std::fs::write(folder.join("turning.gltf"), text).expect("the folder is writable");
 }
 
+/// A scene of that tetrahedron.
+const SCENE_OF_TURNING: &str = "version = 1\n[[object]]\nname = \"top\"\nkind = \"virtual\"\nmesh = \"turning.gltf\"\n\
+    world_from_object = [[1, 0, 0, 0.03], [0, 1, 0, 0.02], [0, 0, 1, 0]]\n\
+    animation = { clip = \"turn\", end = \"stay\" }";
+
 #[test]
 fn an_animated_object_is_drawn_as_one_that_has_its_shape() {
     let Some(gpu) = support::gpu() else { return };
     let (rig, folder) = (support::rig(), Folder::new());
     write_turning(folder.0.path());
-    let text = "version = 1\n[[object]]\nname = \"top\"\nkind = \"virtual\"\nmesh = \"turning.gltf\"\n\
-                world_from_object = [[1, 0, 0, 0.03], [0, 1, 0, 0.02], [0, 0, 1, 0]]\n\
-                animation = { clip = \"turn\", end = \"stay\" }";
-    std::fs::write(folder.file(), text).expect("the folder is writable");
+    folder.put("scene.toml", SCENE_OF_TURNING);
     let mut scene = folder.load().expect("the scene is right");
     scene.objects.push(self::scene(DVec3::ZERO).objects.swap_remove(0));
     assert!(
-        scene.files().contains(&folder.0.path().join("turning.bin")),
+        Scene::files(&folder.file()).contains(&folder.0.path().join("turning.bin")),
         "changes of the buffer count"
     );
     let puppet = scene.objects[0]

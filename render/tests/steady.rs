@@ -146,7 +146,18 @@ fn frame_after_frame_nothing_grows() {
     println!(
         "allocations per frame: {per_frame}; where the light was measured before {drawn}; without a pose {without_pose}"
     );
-    // What remains: the result, commands as wgpu records them, lists of markers, lights and readings.
-    const MOST: u64 = 10_000;
-    assert!(per_frame < MOST, "{per_frame} allocations per frame");
+    assert_eq!(held(&node).gpu_objects, before.gpu_objects, "objects made on the GPU");
+    assert_eq!(held(&node).gpu_bytes, before.gpu_bytes, "bytes on the GPU");
+    // What remains: the result, commands as wgpu records them, lists of markers, lights and readings. Twice what was measured
+    // (4350, 1639 and 206 on llvmpipe), as drivers and the scheduling of threads differ.
+    for (what, found, most) in [
+        ("with new light", per_frame, 8700),
+        ("with the light before", drawn, 3300),
+        ("without a pose", without_pose, 420),
+    ] {
+        assert!(
+            found < most,
+            "{what}: {found} allocations per frame, {most} are too many"
+        );
+    }
 }

@@ -15,7 +15,8 @@ pub const NO_PART: u32 = u32::MAX;
 /// Parts of the real things: vertices of phantoms that triangles or shared places connect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
-    /// Part of every vertex of the scene, [`NO_PART`] for those of virtual objects, and 1 where the probe sees it.
+    /// Part of every vertex of the scene, [`NO_PART`] for those of virtual objects, and 1 where the probe sees it; never for
+    /// objects that move, whose vertices it sees now and then.
     pub facts: Vec<[u32; 2]>,
     /// Vertices, part after part.
     pub members: Vec<u32>,
@@ -56,7 +57,8 @@ impl Parts {
             let world_from_object = placements.get(kept.object as usize).copied().unwrap_or_default();
             let place = world_from_object.transform_point3(Vec3::from(kept.position));
             let normal = world_from_object.transform_vector3(Vec3::from(kept.normal));
-            facts[vertex as usize] = [part, u32::from(is_seen(optics, occluders, (place, normal)))];
+            let is_seen = !scene.moves(kept.object as usize) && is_seen(optics, occluders, (place, normal));
+            facts[vertex as usize] = [part, u32::from(is_seen)];
         }
         let mut first = 0;
         let ranges = members

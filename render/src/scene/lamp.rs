@@ -92,7 +92,7 @@ impl LampKind {
 }
 
 impl Lamp {
-    /// Placement of what carries it, world from carrier; `placements` are the objects'.
+    /// Placement of what carries it, world from carrier: markers stand where `rig` says, objects at `placements`.
     #[must_use]
     pub fn world_from_carrier(&self, rig: &Rig, placements: &[Affine3A]) -> Affine3A {
         match self.carrier {

@@ -35,7 +35,7 @@ pub use motion::{Motion, PathEnd, Waypoint};
 pub use puppet::Puppet;
 
 use crate::error::RenderError;
-use entry::ObjectEntry;
+use entry::{Complaint, ObjectEntry};
 use gltf_mesh::Choice;
 
 /// Whether an object is drawn or stands for a real thing.
@@ -217,6 +217,7 @@ impl Scene {
                 file: mesh_file,
                 mesh,
             };
+            check_marker(&object, &objects).map_err(scene_error)?;
             soundness::check_beside(&object, &objects).map_err(scene_error)?;
             objects.push(object);
         }
@@ -235,14 +236,20 @@ impl Scene {
         soundness::warnings(self)
     }
 
-    /// The mesh files, with those that they name in turn, each once. What cannot be read names nothing.
+    /// The mesh files that a scene file names, with those that they name in turn, each once, whether the scene can be used or
+    /// not. What cannot be read names nothing.
     #[must_use]
-    pub fn files(&self) -> Vec<PathBuf> {
+    pub fn files(file: &Path) -> Vec<PathBuf> {
+        let text = std::fs::read_to_string(file).unwrap_or_default();
+        let entries = toml::from_str(&text).map_or(Vec::new(), |parsed: SceneFile| parsed.objects);
+        let folder = file.parent().unwrap_or(Path::new("."));
         let mut files: Vec<PathBuf> = Vec::new();
-        for object in &self.objects {
-            if !files.contains(&object.file) {
-                files.push(object.file.clone());
-                files.extend(gltf_mesh::files_beside(&object.file));
+        for entry in entries.iter().filter(|entry| entry.visible) {
+            let mesh_file = folder.join(&entry.mesh);
+            if !files.contains(&mesh_file) {
+                let beside = gltf_mesh::files_beside(&mesh_file);
+                files.push(mesh_file);
+                files.extend(beside);
             }
         }
         files
@@ -260,6 +267,18 @@ impl Scene {
             }
         }
         ids
+    }
+
+    /// Longest time, seconds, that any object on a moving marker stays when the marker is not seen; 0 where there is none.
+    #[must_use]
+    pub fn longest_hold_s(&self, marker: u32) -> f64 {
+        let on_it = |object: &&Object| matches!(object.placement, Placement::Marker { id, .. } if id == marker);
+        let holds = self
+            .objects
+            .iter()
+            .filter(on_it)
+            .filter_map(|object| object.movement.hold_s);
+        holds.fold(0.0, f64::max)
     }
 
     /// The virtual objects with their indices in [`Scene::objects`].
@@ -321,6 +340,27 @@ pub fn affine(pose: &Pose) -> Affine3A {
     let row = |i: usize| glam::DVec4::from_array(rows[i]);
     let matrix = glam::DMat4::from_cols(row(0), row(1), row(2), row(3)).transpose();
     Affine3A::from_mat4(matrix.as_mat4())
+}
+
+/// Refuses an object that takes its marker to stand still where one before takes it to move, or the other way round.
+fn check_marker(object: &Object, before: &[Object]) -> Result<(), Complaint> {
+    let marker = |object: &Object| match object.placement {
+        Placement::Marker { id, .. } => Some((id, object.movement.hold_s.is_some())),
+        Placement::World(_) => None,
+    };
+    let Some((id, moves)) = marker(object) else {
+        return Ok(());
+    };
+    match before.iter().find(|other| marker(other) == Some((id, !moves))) {
+        Some(other) => Err((
+            "marker_moves",
+            format!(
+                "it is `{moves}`, and `{}` for object `{}` on the same marker `{id}`; a marker moves for all its objects or for none",
+                !moves, other.name
+            ),
+        )),
+        None => Ok(()),
+    }
 }
 
 /// The lights in the glTF files of the virtual objects.

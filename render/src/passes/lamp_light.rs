@@ -41,29 +41,15 @@ pub struct GpuLamps {
 }
 
 impl GpuLamps {
-<<<<<<< HEAD
-    /// The first [`MAX_LAMPS`] of `lamps`, moved with what carries them: markers of `rig`, objects at `placements` (world
-    /// from object). Those whose carrier is [`GONE`] are left out.
-=======
     /// The first [`MAX_LAMPS`] of `lamps`, moved with what carries them, world from carrier; a lamp whose carrier is [`GONE`]
     /// is left out.
->>>>>>> F3
     #[must_use]
     pub fn new(lamps: &[Lamp], world_from_carrier: impl Fn(&Lamp) -> Affine3A) -> Self {
         let mut gpu = Self::zeroed();
-<<<<<<< HEAD
-        let carried = lamps
-            .iter()
-            .map(|lamp| (lamp, lamp.world_from_carrier(rig, placements)));
-        let shining = carried.filter(|(_, world_from_carrier)| *world_from_carrier != GONE);
-        for (slot, (lamp, world_from_carrier)) in gpu.all.iter_mut().zip(shining) {
-            *slot = GpuLamp::new(lamp, world_from_carrier);
-=======
         let placed = lamps.iter().map(|lamp| (lamp, world_from_carrier(lamp)));
         let there = placed.filter(|(_, placement)| *placement != GONE);
         for (slot, (lamp, placement)) in gpu.all.iter_mut().zip(there) {
             *slot = GpuLamp::new(lamp, placement);
->>>>>>> F3
             gpu.counts[1] |= u32::from(!lamp.kind.is_hard()) << gpu.counts[0];
             gpu.counts[0] += 1;
         }

@@ -159,15 +159,11 @@ pub(super) fn files_beside(file: &Path) -> Vec<PathBuf> {
     buffers
         .chain(images)
         .filter(|uri| !uri.starts_with("data:"))
-<<<<<<< HEAD
-        .filter_map(|uri| Some(folder.join(&*gltf_check::decoded(&uri)?)))
-=======
         .filter_map(|uri| match uri.strip_prefix("file:") {
             // As the `gltf` crate reads them, which decodes relative ones only.
             Some(path) => Some(PathBuf::from(path.strip_prefix("//").unwrap_or(path))),
             None => Some(folder.join(&*urlencoding::decode(&uri).ok()?)),
         })
->>>>>>> F3
         .collect()
 }
 

@@ -198,16 +198,18 @@ impl Hierarchies {
         let (n_triangles, first) = ((link >> 24) as usize, (link & MAX_INDEX as u32) as usize);
         let mut around = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         let mut hold = |low: Vec3, high: Vec3| around = [around[0].min(low), around[1].max(high)];
-        for triangle in &self.triangles[first..first + n_triangles] {
-            for corner in [triangle.a, triangle.b, triangle.c] {
-                hold(corner.truncate(), corner.truncate());
-            }
-        }
+        // `first` counts nodes or triangles, and there are more nodes.
         if n_triangles == 0 {
             for child in [first, first + 1] {
                 let [low, high] = self.refit_below(self.nodes[child].link);
                 (self.nodes[child].low, self.nodes[child].high) = (low, high);
                 hold(low, high);
+            }
+        } else {
+            for triangle in &self.triangles[first..first + n_triangles] {
+                for corner in [triangle.a, triangle.b, triangle.c] {
+                    hold(corner.truncate(), corner.truncate());
+                }
             }
         }
         around
@@ -252,14 +254,14 @@ mod tests {
             link,
             ..GpuBvhNode::zeroed()
         };
-        // A root over two leaves of a triangle each; corners numbered 0 to 5.
+        // A root over two leaves of a triangle each, behind more nodes than there are triangles; corners numbered 0 to 5.
         let triangle = |first: f32| GpuBvhTriangle {
             a: Vec4::W * first,
             b: Vec4::W * (first + 1.0),
             c: Vec4::W * (first + 2.0),
         };
         let mut hierarchies = Hierarchies {
-            nodes: vec![node(1), node(1 << 24), node(1 << 24 | 1)],
+            nodes: vec![node(3), node(0), node(0), node(1 << 24), node(1 << 24 | 1)],
             triangles: vec![triangle(0.0), triangle(3.0)],
         };
         let places = [
@@ -270,12 +272,12 @@ mod tests {
             7.0 * Vec3::Z,
             Vec3::new(1.0, -2.0, 6.0),
         ];
-        hierarchies.follow(&(0..3), &(0..2), |corner| places[corner as usize]);
+        hierarchies.follow(&(0..5), &(0..2), |corner| places[corner as usize]);
         let boxes: Vec<[Vec3; 2]> = hierarchies.nodes.iter().map(|node| [node.low, node.high]).collect();
         let second = [Vec3::new(0.0, -2.0, 5.0), Vec3::new(1.0, 0.0, 7.0)];
-        assert_eq!(boxes[1], [Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)]);
-        assert_eq!(boxes[2], second);
-        assert_eq!(boxes[0], [second[0].min(Vec3::ZERO), second[1].max(boxes[1][1])]);
+        assert_eq!(boxes[3], [Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)]);
+        assert_eq!(boxes[4], second);
+        assert_eq!(boxes[0], [second[0].min(Vec3::ZERO), second[1].max(boxes[3][1])]);
         assert_eq!(
             hierarchies.triangles[1].c,
             places[5].extend(5.0),

@@ -46,7 +46,7 @@ pub(super) fn decoded(uri: &str) -> Option<Cow<'_, str>> {
 /// Nodes are trees (glTF 2.0, 3.5.2).
 fn nodes(root: &Root) -> Result<(), String> {
     let name = |node: &Node| node.name.clone().unwrap_or_else(|| "(unnamed)".into());
-    let shown = root.scene.as_ref().map_or(0, |scene| scene.value());
+    let shown = root.scene.as_ref().map_or(0, gltf::json::Index::value);
     let roots = root.scenes.get(shown).into_iter().flat_map(|scene| &scene.nodes);
     let mut waiting: Vec<(usize, usize)> = roots.map(|node| (node.value(), 1)).collect();
     let mut reached = HashSet::new();

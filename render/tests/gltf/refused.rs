@@ -4,6 +4,89 @@ use serde_json::json;
 
 use super::{File, grey};
 
+/// What is done to a sound file, and what is then said of it.
+type Case = (fn(&mut File), &'static str);
+
+/// Two keys of a rotation that does not turn.
+const STILL: [f32; 8] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// Animations, skins and targets that cannot be.
+const BAD_MOVERS: [Case; 11] = [
+    (
+        |file| {
+            file.animation("rotation", "VEC3", &STILL[..6]);
+        },
+        "is of type Vec3 of F32; allowed are [Vec4] of [F32, I8, U8, I16, U16]",
+    ),
+    (
+        |file| {
+            let [input, _] = file.animation("rotation", "VEC4", &STILL);
+            file.json["accessors"][input]["componentType"] = json!(5121);
+        },
+        "is of type Scalar of U8; allowed are [Scalar] of [F32]",
+    ),
+    (
+        |file| {
+            let [_, output] = file.animation("rotation", "VEC4", &STILL);
+            file.json["accessors"][output]["count"] = json!(0);
+        },
+        "`output` (accessor 10) is empty",
+    ),
+    (
+        |file| {
+            file.animation("rotation", "VEC4", &[0.0; 8]);
+        },
+        "a rotation has no length",
+    ),
+    (
+        |file| {
+            file.attribute("JOINTS_0", "VEC4", &[0.0; 12]);
+        },
+        "is of type Vec4 of F32; allowed are [Vec4] of [U8, U16]",
+    ),
+    (
+        |file| {
+            let [_, weights, _] = file.skin();
+            file.json["accessors"][weights]["componentType"] = json!(5125);
+        },
+        "is of type Vec4 of U32; allowed are [Vec4] of [F32, U8, U16]",
+    ),
+    (
+        |file| {
+            let [joints, ..] = file.skin();
+            file.json["accessors"][joints]["count"] = json!(2);
+        },
+        "`JOINTS_0` has 2 values for 3 positions",
+    ),
+    (
+        |file| {
+            let [_, _, bind] = file.skin();
+            file.json["accessors"][bind]["count"] = json!(0);
+        },
+        "is empty",
+    ),
+    (
+        |file| {
+            let primitive = &mut file.json["meshes"][0]["primitives"][0];
+            primitive["attributes"].as_object_mut().unwrap().remove("WEIGHTS_0");
+        },
+        "a skinned primitive has no `WEIGHTS_0`",
+    ),
+    (
+        |file| {
+            let target = file.accessor("VEC3", &[0.0; 6]);
+            file.json["accessors"][target]["min"] = json!([0.0, 0.0, 0.0]);
+            file.json["accessors"][target]["max"] = json!([0.0, 0.0, 0.0]);
+            file.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": target}]);
+        },
+        "`POSITION of a target` has 2 values for 3 positions",
+    ),
+    (
+        |file| file.keys = "animation = { clip = \"walk\" }",
+        "object `thing`, `animation`: ",
+    ),
+];
+
 #[test]
 fn an_extension_that_is_required_and_unknown_is_named() {
     let mut file = File::new();
@@ -111,7 +194,6 @@ fn bad_attributes_are_named() {
 
 #[test]
 fn bad_animations_skins_and_targets_are_named() {
-    const STILL: [f32; 8] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     let sound = |edit: fn(&mut File)| {
         let mut file = File::new();
         file.animation("rotation", "VEC4", &STILL);
@@ -120,82 +202,7 @@ fn bad_animations_skins_and_targets_are_named() {
         file
     };
     sound(|_| {}).load().unwrap();
-    let cases: [(fn(&mut File), &str); 11] = [
-        (
-            |file| {
-                file.animation("rotation", "VEC3", &STILL[..6]);
-            },
-            "is of type Vec3 of F32; allowed are [Vec4] of [F32, I8, U8, I16, U16]",
-        ),
-        (
-            |file| {
-                let [input, _] = file.animation("rotation", "VEC4", &STILL);
-                file.json["accessors"][input]["componentType"] = json!(5121);
-            },
-            "is of type Scalar of U8; allowed are [Scalar] of [F32]",
-        ),
-        (
-            |file| {
-                let [_, output] = file.animation("rotation", "VEC4", &STILL);
-                file.json["accessors"][output]["count"] = json!(0);
-            },
-            "`output` (accessor 10) is empty",
-        ),
-        (
-            |file| {
-                file.animation("rotation", "VEC4", &[0.0; 8]);
-            },
-            "a rotation has no length",
-        ),
-        (
-            |file| {
-                file.attribute("JOINTS_0", "VEC4", &[0.0; 12]);
-            },
-            "is of type Vec4 of F32; allowed are [Vec4] of [U8, U16]",
-        ),
-        (
-            |file| {
-                let [_, weights, _] = file.skin();
-                file.json["accessors"][weights]["componentType"] = json!(5125);
-            },
-            "is of type Vec4 of U32; allowed are [Vec4] of [F32, U8, U16]",
-        ),
-        (
-            |file| {
-                let [joints, ..] = file.skin();
-                file.json["accessors"][joints]["count"] = json!(2);
-            },
-            "`JOINTS_0` has 2 values for 3 positions",
-        ),
-        (
-            |file| {
-                let [_, _, bind] = file.skin();
-                file.json["accessors"][bind]["count"] = json!(0);
-            },
-            "is empty",
-        ),
-        (
-            |file| {
-                let primitive = &mut file.json["meshes"][0]["primitives"][0];
-                primitive["attributes"].as_object_mut().unwrap().remove("WEIGHTS_0");
-            },
-            "a skinned primitive has no `WEIGHTS_0`",
-        ),
-        (
-            |file| {
-                let target = file.accessor("VEC3", &[0.0; 6]);
-                file.json["accessors"][target]["min"] = json!([0.0, 0.0, 0.0]);
-                file.json["accessors"][target]["max"] = json!([0.0, 0.0, 0.0]);
-                file.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": target}]);
-            },
-            "`POSITION of a target` has 2 values for 3 positions",
-        ),
-        (
-            |file| file.keys = "animation = { clip = \"walk\" }",
-            "object `thing`, `animation`: ",
-        ),
-    ];
-    for (edit, expected) in cases {
+    for (edit, expected) in BAD_MOVERS {
         let message = sound(edit).error();
         assert!(message.contains(expected), "{message}");
     }
@@ -203,7 +210,7 @@ fn bad_animations_skins_and_targets_are_named() {
 
 #[test]
 fn files_that_are_valid_json_and_no_sound_gltf_are_refused() {
-    let cases: [(fn(&mut File), &str); 8] = [
+    let cases: [Case; 8] = [
         (
             |file| file.json["images"] = json!([{"bufferView": 0}]),
             "picture `0` lacks its source: a picture in a `bufferView` has a `mimeType`",

@@ -218,8 +218,7 @@ impl RenderNode {
         let whereabouts = Whereabouts::new(scene, &given_rig);
         let placements = whereabouts.placements().to_vec();
         let rays = SceneRays::new(&gpu, &buffers, &placements)?;
-        let around = phantoms(scene, &given_rig, |_| true);
-        let environments = Environments::new(&gpu, scene, &given_rig, &around);
+        let environments = Environments::new(&gpu, scene, &given_rig, &phantoms(scene, &given_rig, |_| true));
         let seen = CameraView::new(&gpu, rig.scene_camera(), &buffers);
         let pictures = Pictures::new(&gpu, &rig, config.probe.cube_size);
         let shadows = SceneShadows::new(&gpu, (scene, &buffers), &given_rig, config.shadow)?;

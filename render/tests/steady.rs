@@ -148,11 +148,11 @@ fn frame_after_frame_nothing_grows() {
     );
     assert_eq!(held(&node).gpu_objects, before.gpu_objects, "objects made on the GPU");
     assert_eq!(held(&node).gpu_bytes, before.gpu_bytes, "bytes on the GPU");
-    // What remains: the result, commands as wgpu records them, lists of markers, lights and readings. Twice what was measured
-    // (4350, 1639 and 206 on llvmpipe), as drivers and the scheduling of threads differ.
+    // What remains: the result, commands as wgpu records them, lists of markers, lights and readings. About twice what
+    // was measured (4350 to 5309, 1639 to 2599 and 206 on llvmpipe), as drivers and the scheduling of threads differ.
     for (what, found, most) in [
         ("with new light", per_frame, 8700),
-        ("with the light before", drawn, 3300),
+        ("with the light before", drawn, 4500),
         ("without a pose", without_pose, 420),
     ] {
         assert!(

@@ -124,3 +124,69 @@ fn add_lines(table: &mut String, name: &str, (own, others): (&CompositeError, &C
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::outputs::composite_path;
+    use std::{fs, path::Path};
+
+    /// A run's output folder with one composite.
+    fn output(composite: &RgbImage) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(
+            folder.path().join("frames.jsonl"),
+            "{\"frame\":5,\"reason\":\"made up\"}\n",
+        )
+        .unwrap();
+        let file = composite_path(folder.path(), 5);
+        fs::create_dir(file.parent().unwrap()).unwrap();
+        composite.save(file).unwrap();
+        folder
+    }
+
+    #[test]
+    fn two_ways_stand_beside_each_other_with_their_errors() {
+        let sequence = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/fisheye");
+        let read = |file: &str| image::open(sequence.join(file)).unwrap().to_rgb8();
+        // Ours is the camera's own picture, the other one is half as wrong everywhere: 6.0 dB better.
+        let camera = read("recording/scene/000005.png");
+        let reference = read("truth/ref/000005_with.png");
+        let mut halfway = camera.clone();
+        for (code, wanted) in halfway.iter_mut().zip(reference.iter()) {
+            *code = code.midpoint(*wanted);
+        }
+        let (ours, other) = (output(&camera), output(&halfway));
+        let entry = Entry {
+            sequence,
+            ours: ours.path().to_owned(),
+            other: other.path().to_owned(),
+        };
+        let gallery = make(&[entry], "halfway").unwrap();
+
+        let lines: Vec<&str> = gallery.table.lines().collect();
+        assert!(lines[0].contains("| ours, dB | halfway, dB |"), "{}", lines[0]);
+        let cells = |line: &str| -> Vec<String> { line.split('|').map(|cell| cell.trim().to_owned()).collect() };
+        let regions: Vec<String> = lines[2..].iter().map(|line| cells(line)[2].clone()).collect();
+        assert_eq!(regions.len(), 5, "{regions:?}");
+        assert!(
+            regions[0].starts_with("`torus`, ") && regions[1].starts_with("`cube`, "),
+            "{regions:?}"
+        );
+        assert_eq!(regions[2..], ["objects", "shadow", "whole picture"]);
+        let objects = cells(lines[4]);
+        assert!(objects[1].ends_with(", 5"), "{objects:?}");
+        let number = |index: usize| -> f64 { objects[index].parse().unwrap() };
+        assert!((number(5) + 6.0).abs() <= 0.1, "{objects:?}");
+        assert!(
+            (number(3) - number(4) - number(5)).abs() < 0.16,
+            "rounded to tenths: {objects:?}"
+        );
+        assert!(number(6) > number(7), "FLIP: {objects:?}");
+
+        // Camera, both ways and the reference, reduced from 1280 x 720, with margins and a label.
+        let [width, height] = [gallery.picture.width(), gallery.picture.height()];
+        assert!((4 * 480..4 * 480 + 5 * 20).contains(&width), "{width}");
+        assert!((270..270 + 80).contains(&height), "{height}");
+    }
+}

@@ -91,6 +91,8 @@ pub struct Eye {
     pub shadows: EyeShadows,
     /// Light of virtual lamps on either.
     pub lamps: [LampLight; 2],
+    /// Real things in its own view, without virtual shadows; `None` for the scene camera itself, whose eyes share them.
+    pub own_unshadowed: Option<RealRadiance>,
     /// Light that near things throw on each other.
     pub near: NearEye,
     /// Bright lights on the phantoms, by themselves.
@@ -159,6 +161,7 @@ impl Eye {
             ..
         } = inputs;
         let view = own.as_ref().map_or(inputs.view, |own| &own.view);
+        let of_eye = EyeInputs { view, ..inputs };
         let size_px = view.size_px();
         let virtuals = LensSurface::new(gpu, "lens_surface: virtual objects", (&view.camera, scene), size_px);
         let light_on = [&view.phantoms, &virtuals].map(|surface| ShadowedLight::new(gpu, surface.views()));
@@ -181,18 +184,24 @@ impl Eye {
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
             .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
+        let own_unshadowed = own.as_ref().map(|own| RealRadiance::unshadowed(gpu, &own.view));
+        let unshadowed = own_unshadowed.as_ref().unwrap_or(&inputs.near.unshadowed);
         let real = RealRadiance::new(gpu, view, [receive.ratio(), receive.added()]);
-        let traced = Traced::new(gpu, EyeInputs { view, ..inputs }, &virtuals, (&real, &receive));
+        let traced = Traced::new(gpu, of_eye, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
             traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
-        let edges = match inputs.phantom_edges {
-            PhantomEdges::Mesh => None,
-            PhantomEdges::Picture => Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance())),
+        let edges = match (inputs.mode.name.surround(), inputs.phantom_edges) {
+            // Before a backdrop phantoms are left out, or drawn as far as their meshes reach.
+            (Surround::Backdrop, _) | (Surround::Picture | Surround::Nothing, PhantomEdges::Mesh) => None,
+            (Surround::Picture | Surround::Nothing, PhantomEdges::Picture) => {
+                Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance()))
+            }
         };
+        let near = NearEye::new(gpu, of_eye, (&light_on, &bright), [&real, unshadowed]);
         let finish = match inputs.mode.name.surround() {
             Surround::Picture => {
                 let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
@@ -203,7 +212,7 @@ impl Eye {
                     camera: &view.camera,
                     shade: &shade,
                     receive: &receive,
-                    real: &real,
+                    real: unshadowed,
                     light: &light_on[0],
                     probe_radiance: inputs.probe_radiance,
                 };
@@ -218,7 +227,8 @@ impl Eye {
             edges,
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
-            near: NearEye::new(gpu, EyeInputs { view, ..inputs }, (&light_on, &bright), &real),
+            near,
+            own_unshadowed,
             real,
             traced,
             finish,
@@ -254,7 +264,10 @@ impl Eye {
 
     /// Empties what the finished picture reads: no virtual object, and no change of light.
     pub fn record_nothing(&self, encoder: &mut wgpu::CommandEncoder) {
-        Gpu::clear(encoder, &[self.shade.radiance(), self.receive.ratio()]);
+        Gpu::clear(
+            encoder,
+            &[self.shade.radiance(), self.receive.ratio(), self.receive.added()],
+        );
     }
 
     /// Shadows by the method that `shadows` has changed to.

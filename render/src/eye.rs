@@ -43,6 +43,21 @@ pub enum Finish {
 }
 
 impl Finish {
+    /// What finishes pictures of `view` in a mode; it reads what `inputs` has, or the picture in place of its real things.
+    fn new(gpu: &Gpu, mode: &ModeConfig, view: &CameraView, inputs: display::Inputs<'_>) -> Self {
+        let size_px = view.size_px();
+        match mode.name.surround() {
+            Surround::Picture => {
+                let changes = (inputs.shade, inputs.receive);
+                let composite = Composite::new(gpu, &view.camera, &view.picture, changes, size_px);
+                Self::Picture(Box::new(composite))
+            }
+            Surround::Backdrop | Surround::Nothing => {
+                Self::Display(Box::new(Display::new(gpu, inputs, (mode, size_px))))
+            }
+        }
+    }
+
     /// The finished picture.
     #[must_use]
     pub fn codes(&self) -> &Codes {
@@ -76,6 +91,16 @@ enum Hiding {
     Phantoms,
     /// Nothing: no real thing is shown.
     Nothing,
+}
+
+impl Hiding {
+    /// What hides them in a mode.
+    fn by(mode: &ModeConfig) -> Self {
+        match (mode.name.surround(), mode.phantoms) {
+            (Surround::Backdrop, PhantomsInVr::LeftOut) => Self::Nothing,
+            (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Self::Phantoms,
+        }
+    }
 }
 
 /// The passes of one picture, in their order.
@@ -153,13 +178,7 @@ impl Eye {
     /// # Errors
     /// [`RenderError::TooLarge`] or [`RenderError::Shadow`] where adapter or shadow method cannot take the scene.
     pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, own: Option<EyeView>) -> Result<Self, RenderError> {
-        let EyeInputs {
-            scene,
-            rays,
-            environments,
-            shadows,
-            ..
-        } = inputs;
+        let EyeInputs { scene, shadows, .. } = inputs;
         let view = own.as_ref().map_or(inputs.view, |own| &own.view);
         let of_eye = EyeInputs { view, ..inputs };
         let size_px = view.size_px();
@@ -176,14 +195,14 @@ impl Eye {
         let direct = |light| direct::Inputs {
             camera: &view.camera,
             scene,
-            environments,
+            environments: inputs.environments,
             light,
         };
         let receive = Receive::new(gpu, direct(&light_on[0]), &bright, size_px);
         let protect = is_protected.then(|| Protect::new(gpu, direct(&light_on[0]), (view, receive.frame()), &bright));
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
-            .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
+            .map(|(surface, light)| LampLight::new(gpu, (scene, inputs.rays), (surface.views(), light)));
         let own_unshadowed = own.as_ref().map(|own| RealRadiance::unshadowed(gpu, &own.view));
         let unshadowed = own_unshadowed.as_ref().unwrap_or(&inputs.near.unshadowed);
         let real = RealRadiance::new(gpu, view, [receive.ratio(), receive.added()]);
@@ -194,37 +213,18 @@ impl Eye {
             traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
-        let edges = match (inputs.mode.name.surround(), inputs.phantom_edges) {
-            // Before a backdrop phantoms are left out, or drawn as far as their meshes reach.
-            (Surround::Backdrop, _) | (Surround::Picture | Surround::Nothing, PhantomEdges::Mesh) => None,
-            (Surround::Picture | Surround::Nothing, PhantomEdges::Picture) => {
-                Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance()))
-            }
-        };
         let near = NearEye::new(gpu, of_eye, (&light_on, &bright), [&real, unshadowed]);
-        let finish = match inputs.mode.name.surround() {
-            Surround::Picture => {
-                let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
-                Finish::Picture(Box::new(composite))
-            }
-            Surround::Backdrop | Surround::Nothing => {
-                let inputs_of_display = display::Inputs {
-                    camera: &view.camera,
-                    shade: &shade,
-                    receive: &receive,
-                    real: unshadowed,
-                    light: &light_on[0],
-                    probe_radiance: inputs.probe_radiance,
-                };
-                Finish::Display(Box::new(Display::new(gpu, inputs_of_display, (inputs.mode, size_px))))
-            }
+        let of_display = display::Inputs {
+            camera: &view.camera,
+            shade: &shade,
+            receive: &receive,
+            real: unshadowed,
+            light: &light_on[0],
+            probe_radiance: inputs.probe_radiance,
         };
-        let hiding = match (inputs.mode.name.surround(), inputs.mode.phantoms) {
-            (Surround::Backdrop, PhantomsInVr::LeftOut) => Hiding::Nothing,
-            (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Hiding::Phantoms,
-        };
+        let finish = Finish::new(gpu, inputs.mode, view, of_display);
         Ok(Self {
-            edges,
+            edges: edges(gpu, of_eye, &virtuals, &shade),
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
             near,
@@ -232,7 +232,7 @@ impl Eye {
             real,
             traced,
             finish,
-            hiding,
+            hiding: Hiding::by(inputs.mode),
             shadows: eye_shadows,
             virtuals,
             light_on,
@@ -289,5 +289,17 @@ impl Eye {
         self.bright.clear(gpu);
         self.shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         Ok(())
+    }
+}
+
+/// The pass for the edges of phantoms before `virtuals` in the eye's picture, where the picture has a say in them.
+fn edges(gpu: &Gpu, inputs: EyeInputs<'_>, virtuals: &LensSurface, shade: &Shade) -> Option<PhantomEdge> {
+    match (inputs.mode.name.surround(), inputs.phantom_edges) {
+        // Before a backdrop phantoms are left out, or drawn as far as their meshes reach.
+        (Surround::Backdrop, _) | (Surround::Picture | Surround::Nothing, PhantomEdges::Mesh) => None,
+        (Surround::Picture | Surround::Nothing, PhantomEdges::Picture) => {
+            let places = virtuals.views().place;
+            Some(PhantomEdge::new(gpu, inputs.view, places, shade.radiance()))
+        }
     }
 }

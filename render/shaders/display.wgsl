@@ -8,7 +8,7 @@
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var virtual_radiance: texture_2d<f32>;
 @group(0) @binding(2) var phantom_ratio: texture_2d<f32>;
-// Real things times the ratio, and what virtual lamps add.
+// Real things as they are.
 @group(0) @binding(3) var real: texture_2d<f32>;
 // Irradiance on phantoms.
 @group(0) @binding(4) var light_with: texture_2d<f32>;
@@ -39,8 +39,7 @@ fn added(pixel: vec2u) -> vec3f {
         return vec3f(0.0);
     }
     let lamps = textureLoad(lamp_radiance, pixel, 0).rgb;
-    let lit = textureLoad(real, pixel, 0).rgb - lamps;
-    return lamps + lit * (1.0 - 1.0 / max(ratio.rgb, vec3f(1.0)));
+    return lamps + textureLoad(real, pixel, 0).rgb * (max(ratio.rgb, vec3f(1.0)) - 1.0);
 }
 
 // The backdrop, as the display's linear light.

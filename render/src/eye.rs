@@ -43,6 +43,21 @@ pub enum Finish {
 }
 
 impl Finish {
+    /// What finishes pictures of `view` in a mode; it reads what `inputs` has, or the picture in place of its real things.
+    fn new(gpu: &Gpu, mode: &ModeConfig, view: &CameraView, inputs: display::Inputs<'_>) -> Self {
+        let size_px = view.size_px();
+        match mode.name.surround() {
+            Surround::Picture => {
+                let changes = (inputs.shade, inputs.receive);
+                let composite = Composite::new(gpu, &view.camera, &view.picture, changes, size_px);
+                Self::Picture(Box::new(composite))
+            }
+            Surround::Backdrop | Surround::Nothing => {
+                Self::Display(Box::new(Display::new(gpu, inputs, (mode, size_px))))
+            }
+        }
+    }
+
     /// The finished picture.
     #[must_use]
     pub fn codes(&self) -> &Codes {
@@ -78,6 +93,16 @@ enum Hiding {
     Nothing,
 }
 
+impl Hiding {
+    /// What hides them in a mode.
+    fn by(mode: &ModeConfig) -> Self {
+        match (mode.name.surround(), mode.phantoms) {
+            (Surround::Backdrop, PhantomsInVr::LeftOut) => Self::Nothing,
+            (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Self::Phantoms,
+        }
+    }
+}
+
 /// The passes of one picture, in their order.
 #[derive(Debug)]
 pub struct Eye {
@@ -91,6 +116,8 @@ pub struct Eye {
     pub shadows: EyeShadows,
     /// Light of virtual lamps on either.
     pub lamps: [LampLight; 2],
+    /// Real things in its own view, without virtual shadows; `None` for the scene camera itself, whose eyes share them.
+    pub own_unshadowed: Option<RealRadiance>,
     /// Light that near things throw on each other.
     pub near: NearEye,
     /// Bright lights on the phantoms, by themselves.
@@ -151,14 +178,9 @@ impl Eye {
     /// # Errors
     /// [`RenderError::TooLarge`] or [`RenderError::Shadow`] where adapter or shadow method cannot take the scene.
     pub fn new(gpu: &Gpu, inputs: EyeInputs<'_>, own: Option<EyeView>) -> Result<Self, RenderError> {
-        let EyeInputs {
-            scene,
-            rays,
-            environments,
-            shadows,
-            ..
-        } = inputs;
+        let EyeInputs { scene, shadows, .. } = inputs;
         let view = own.as_ref().map_or(inputs.view, |own| &own.view);
+        let of_eye = EyeInputs { view, ..inputs };
         let size_px = view.size_px();
         let virtuals = LensSurface::new(gpu, "lens_surface: virtual objects", (&view.camera, scene), size_px);
         let light_on = [&view.phantoms, &virtuals].map(|surface| ShadowedLight::new(gpu, surface.views()));
@@ -173,56 +195,44 @@ impl Eye {
         let direct = |light| direct::Inputs {
             camera: &view.camera,
             scene,
-            environments,
+            environments: inputs.environments,
             light,
         };
         let receive = Receive::new(gpu, direct(&light_on[0]), &bright, size_px);
         let protect = is_protected.then(|| Protect::new(gpu, direct(&light_on[0]), (view, receive.frame()), &bright));
         let lamp_receive = LampReceive::new(gpu, view, (&light_on[0], &receive), scene.n_lamps);
         let lamps = [(&view.phantoms, &light_on[0]), (&virtuals, &light_on[1])]
-            .map(|(surface, light)| LampLight::new(gpu, (scene, rays), (surface.views(), light)));
+            .map(|(surface, light)| LampLight::new(gpu, (scene, inputs.rays), (surface.views(), light)));
+        let own_unshadowed = own.as_ref().map(|own| RealRadiance::unshadowed(gpu, &own.view));
+        let unshadowed = own_unshadowed.as_ref().unwrap_or(&inputs.near.unshadowed);
         let real = RealRadiance::new(gpu, view, [receive.ratio(), receive.added()]);
-        let traced = Traced::new(gpu, EyeInputs { view, ..inputs }, &virtuals, (&real, &receive));
+        let traced = Traced::new(gpu, of_eye, &virtuals, (&real, &receive));
         let target = ShadeTarget {
             size_px,
             light: inputs.light,
             traced: traced.views(),
         };
         let shade = Shade::new(gpu, direct(&light_on[1]), (&gpu.linear_sampler(), target));
-        let edges = match inputs.phantom_edges {
-            PhantomEdges::Mesh => None,
-            PhantomEdges::Picture => Some(PhantomEdge::new(gpu, view, virtuals.views().place, shade.radiance())),
+        let near = NearEye::new(gpu, of_eye, (&light_on, &bright), [&real, unshadowed]);
+        let of_display = display::Inputs {
+            camera: &view.camera,
+            shade: &shade,
+            receive: &receive,
+            real: unshadowed,
+            light: &light_on[0],
+            probe_radiance: inputs.probe_radiance,
         };
-        let finish = match inputs.mode.name.surround() {
-            Surround::Picture => {
-                let composite = Composite::new(gpu, &view.camera, &view.picture, (&shade, &receive), size_px);
-                Finish::Picture(Box::new(composite))
-            }
-            Surround::Backdrop | Surround::Nothing => {
-                let inputs_of_display = display::Inputs {
-                    camera: &view.camera,
-                    shade: &shade,
-                    receive: &receive,
-                    real: &real,
-                    light: &light_on[0],
-                    probe_radiance: inputs.probe_radiance,
-                };
-                Finish::Display(Box::new(Display::new(gpu, inputs_of_display, (inputs.mode, size_px))))
-            }
-        };
-        let hiding = match (inputs.mode.name.surround(), inputs.mode.phantoms) {
-            (Surround::Backdrop, PhantomsInVr::LeftOut) => Hiding::Nothing,
-            (Surround::Backdrop, PhantomsInVr::Grey) | (Surround::Picture | Surround::Nothing, _) => Hiding::Phantoms,
-        };
+        let finish = Finish::new(gpu, inputs.mode, view, of_display);
         Ok(Self {
-            edges,
+            edges: edges(gpu, of_eye, &virtuals, &shade),
             depth: CameraDepth::new(gpu, &view.camera, scene, (size_px, shade::SAMPLES)),
             look: LookBlur::new(gpu, &[shade.radiance(), receive.ratio(), receive.added()], size_px),
-            near: NearEye::new(gpu, EyeInputs { view, ..inputs }, (&light_on, &bright), &real),
+            near,
+            own_unshadowed,
             real,
             traced,
             finish,
-            hiding,
+            hiding: Hiding::by(inputs.mode),
             shadows: eye_shadows,
             virtuals,
             light_on,
@@ -254,7 +264,10 @@ impl Eye {
 
     /// Empties what the finished picture reads: no virtual object, and no change of light.
     pub fn record_nothing(&self, encoder: &mut wgpu::CommandEncoder) {
-        Gpu::clear(encoder, &[self.shade.radiance(), self.receive.ratio()]);
+        Gpu::clear(
+            encoder,
+            &[self.shade.radiance(), self.receive.ratio(), self.receive.added()],
+        );
     }
 
     /// Shadows by the method that `shadows` has changed to.
@@ -276,5 +289,17 @@ impl Eye {
         self.bright.clear(gpu);
         self.shadows = shadows.eye(gpu, (scene, &view.model), surfaces)?;
         Ok(())
+    }
+}
+
+/// The pass for the edges of phantoms before `virtuals` in the eye's picture, where the picture has a say in them.
+fn edges(gpu: &Gpu, inputs: EyeInputs<'_>, virtuals: &LensSurface, shade: &Shade) -> Option<PhantomEdge> {
+    match (inputs.mode.name.surround(), inputs.phantom_edges) {
+        // Before a backdrop phantoms are left out, or drawn as far as their meshes reach.
+        (Surround::Backdrop, _) | (Surround::Picture | Surround::Nothing, PhantomEdges::Mesh) => None,
+        (Surround::Picture | Surround::Nothing, PhantomEdges::Picture) => {
+            let places = virtuals.views().place;
+            Some(PhantomEdge::new(gpu, inputs.view, places, shade.radiance()))
+        }
     }
 }

@@ -214,6 +214,9 @@ impl RenderNode {
             if let Some(protect) = &eye.protect {
                 protect.record(&mut encoder, timer);
             }
+            if let Some(unshadowed) = &eye.own_unshadowed {
+                unshadowed.record(&mut encoder, timer);
+            }
             eye.near.record_change(&mut encoder, timer);
             eye.receive.record(&mut encoder, timer);
             eye.lamp_receive.record(&mut encoder, timer);

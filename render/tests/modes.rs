@@ -24,7 +24,7 @@ use mirrorball_render::passes::real_radiance::RealRadiance;
 use mirrorball_render::passes::reproject::room_buffer;
 use mirrorball_render::reference;
 use mirrorball_render::reference::display::srgb;
-use mirrorball_render::scene::{Kind, Scene};
+use mirrorball_render::scene::{Carrier, Kind, Lamp, LampKind, Scene};
 use mirrorball_render::scene_gpu::SceneBuffers;
 use support::stage::environment_stage;
 use support::{EXPOSURE, Errors, halves, spread};
@@ -470,13 +470,23 @@ fn without_a_pose_every_mode_shows_what_it_can() {
         .chunks_exact(3)
         .flat_map(|p| [p[0], p[1], p[2], 255])
         .collect();
+    let mut scene = sphere_over_ground(0.8);
+    scene.lamps.push(Lamp {
+        name: "lamp".into(),
+        kind: LampKind::Point { radius_m: 0.0 },
+        irradiance: Vec3::splat(0.5),
+        carrier: Carrier::World,
+        position_m: Vec3::new(0.0, 0.0, 0.2),
+        direction: Vec3::NEG_Z,
+        across: Vec3::X,
+    });
     for mode in Mode::ALL {
         let Some(gpu) = support::gpu() else { return };
         let mut config = config(mode);
         (config.mode.left_eye_m, config.mode.right_eye_m) = ([0.0; 3], [0.0; 3]);
         (config.mode.backdrop, config.mode.background) = (BackdropName::Colour, [1.0, 0.0, 0.0]);
-        let mut node = RenderNode::new(gpu, rig.clone(), &sphere_over_ground(0.8), config).unwrap();
-        // A frame with objects first: nothing of it may stay.
+        let mut node = RenderNode::new(gpu, rig.clone(), &scene, config).unwrap();
+        // A frame with objects and light of a lamp first: nothing of it may stay.
         render_with(&mut node, &rig, ground_frame(&rig));
         let rendered = render_with(&mut node, &rig, frame.clone());
         assert!(rendered.pose.camera_from_world().is_none());

@@ -58,8 +58,7 @@ impl NearThings {
     pub fn new(gpu: &Gpu, inputs: NearInputs<'_>, parts: &Parts) -> Self {
         let NearInputs { view, scene, .. } = inputs;
         let far_lights = FarLights::new(gpu);
-        let nothing = black(gpu, view.size_px());
-        let unshadowed = RealRadiance::new(gpu, view, [&nothing, &nothing]);
+        let unshadowed = RealRadiance::unshadowed(gpu, view);
         let inputs = memory::Inputs {
             view,
             scene,
@@ -99,15 +98,16 @@ pub struct NearEye {
 }
 
 impl NearEye {
-    /// Passes that fill [`ShadowedLight::near`] of both surfaces; `real` is the finished radiance of real things.
+    /// Passes that fill [`ShadowedLight::near`] of both surfaces; `real` is the finished radiance of real things,
+    /// `unshadowed` theirs without virtual shadows, both in the eye's picture.
     #[must_use]
     pub fn new(
         gpu: &Gpu,
         inputs: EyeInputs<'_>,
         (light_on, bright): (&[ShadowedLight; 2], &BrightLight),
-        real: &RealRadiance,
+        [real, unshadowed]: [&RealRadiance; 2],
     ) -> Self {
-        let EyeInputs { view, near, .. } = inputs;
+        let view = inputs.view;
         let size_px = view.size_px();
         let [on_phantoms, on_virtuals] = light_on;
         let from_afar = on_phantoms.with_near(&black(gpu, size_px));
@@ -125,7 +125,7 @@ impl NearEye {
             real,
         };
         Self {
-            change: NearLight::change(gpu, on(on_phantoms, shadowed.radiance()), near.unshadowed.radiance()),
+            change: NearLight::change(gpu, on(on_phantoms, shadowed.radiance()), unshadowed.radiance()),
             light: (inputs.light.diffuse == DiffuseMethod::Lights)
                 .then(|| NearLight::light(gpu, on(on_virtuals, real.radiance()))),
             receive,

@@ -32,7 +32,7 @@ pub struct Inputs<'a> {
     pub shade: &'a Shade,
     /// Ratio on phantoms, and what virtual lamps add to them.
     pub receive: &'a Receive,
-    /// Real things.
+    /// Real things as they are.
     pub real: &'a RealRadiance,
     /// Light on phantoms.
     pub light: &'a ShadowedLight,

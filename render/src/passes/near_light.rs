@@ -16,7 +16,7 @@ pub struct Inputs<'a> {
     pub eye: EyeInputs<'a>,
     /// The surface and the target, [`ShadowedLight::near`].
     pub light: &'a ShadowedLight,
-    /// Radiance of real things in the scene camera's picture, with mips.
+    /// Radiance of real things in the picture of the eye's view, with mips.
     pub real: &'a wgpu::TextureView,
 }
 
@@ -38,7 +38,8 @@ impl NearLight {
         Self::with(gpu, inputs, (["near_light", "dome_filter"], size_px), None)
     }
 
-    /// What virtual objects change of it on phantoms; `unshadowed` is the radiance of real things without virtual shadows.
+    /// What virtual objects change of it on phantoms; `unshadowed` is the radiance of real things without virtual
+    /// shadows, in the same picture.
     #[must_use]
     pub fn change(gpu: &Gpu, inputs: Inputs<'_>, unshadowed: &wgpu::TextureView) -> Self {
         let size_px = inputs.eye.view.size_px().map(|size| size.div_ceil(2));

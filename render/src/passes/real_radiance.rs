@@ -71,6 +71,19 @@ impl RealRadiance {
         }
     }
 
+    /// A pass for the pictures of `view` as they are.
+    #[must_use]
+    pub fn unshadowed(gpu: &Gpu, view: &CameraView) -> Self {
+        let black = gpu
+            .texture(
+                "real_radiance: no change",
+                TextureShape::plain(view.size_px()),
+                RADIANCE_FORMAT,
+            )
+            .create_view(&wgpu::TextureViewDescriptor::default());
+        Self::new(gpu, view, [&black, &black])
+    }
+
     /// Radiance per pixel, in the rig's common RGB, with mips.
     #[must_use]
     pub fn radiance(&self) -> &wgpu::TextureView {

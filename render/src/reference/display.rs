@@ -16,10 +16,10 @@ pub fn srgb(linear: Vec3) -> [u8; 3] {
     })
 }
 
-/// Codes of a pixel of a display that one looks through: `real` is the radiance of the real thing there times `ratio`, what
+/// Codes of a pixel of a display that one looks through: `real` is the radiance of the real thing there, `ratio` what
 /// virtual objects change of its light, and `over` the virtual object's radiance times its coverage, then the coverage.
 #[must_use]
 pub fn looked_through(real: Vec3, ratio: Vec3, over: Vec4, exposure: f32) -> [u8; 3] {
-    let added = real * (1.0 - 1.0 / ratio.max(Vec3::ONE));
+    let added = real * (ratio.max(Vec3::ONE) - 1.0);
     srgb(exposure * (added * (1.0 - over.w) + over.truncate()))
 }

@@ -10,14 +10,16 @@ use mirrorball_capture::frame::{Frame, FrameSet};
 use crate::ball_place::BallPlace;
 use crate::config::{self, SceneCamera};
 use crate::error::RenderError;
+use crate::eye::Eye;
 use crate::gpu::Gpu;
+use crate::gpu::timer::Timer;
 use crate::gpu::types::{GpuCamera, GpuFrame, GpuNoise, GpuStrong, MAX_STRONG};
 use crate::mode::Viewers;
 use crate::node::{RenderNode, RenderedFrame, Work};
 use crate::passes::lamp_light::GpuLamps;
 use crate::passes::ray_light::GpuLightProbe;
 use crate::probe::Light;
-use crate::scene_shadows::ShadowFrame;
+use crate::scene_shadows::{SceneShadows, ShadowFrame};
 use mirrorball_calib::probe::ProbeOptics;
 
 impl RenderNode {
@@ -177,8 +179,8 @@ impl RenderNode {
         self.seen
             .phantoms
             .record(&mut surfaces, timer, (scene, &scene.phantoms));
-        let eye_m = camera_from_world.inverse().translation.as_vec3();
         for eye in &mut self.eyes {
+            let eye_m = eye.from_world(camera_from_world).inverse().translation.as_vec3();
             eye.shade.sort(scene, &self.placements, eye_m);
             if let Some(own) = &eye.own {
                 own.record(&mut surfaces, timer, scene);
@@ -205,31 +207,8 @@ impl RenderNode {
         passes.irradiance.record(&mut encoder, timer);
         self.near.record(&mut encoder, timer);
         for eye in &mut self.eyes {
-            let eye_from_world = eye.from_world(camera_from_world);
-            let job = (&mut eye.shadows, &shadow_frame, &eye_from_world);
-            self.shadows.record_eye(gpu, &mut encoder, timer, job)?;
-            for lamps in &eye.lamps {
-                lamps.record(&mut encoder, timer);
-            }
-            if let Some(protect) = &eye.protect {
-                protect.record(&mut encoder, timer);
-            }
-            if let Some(unshadowed) = &eye.own_unshadowed {
-                unshadowed.record(&mut encoder, timer);
-            }
-            eye.near.record_change(&mut encoder, timer);
-            eye.receive.record(&mut encoder, timer);
-            eye.lamp_receive.record(&mut encoder, timer);
-            eye.real.record(&mut encoder, timer);
-            eye.near.record_light(&mut encoder, timer);
-            eye.traced.record(&mut encoder, timer, scene);
-            eye.record_depth(&mut encoder, timer, scene);
-            eye.shade.record(&mut encoder, timer, scene, eye.depth.view());
-            if let Some(edges) = &eye.edges {
-                edges.record(&mut encoder, timer);
-            }
-            eye.look.record(&mut encoder, timer);
-            eye.finish.record(&mut encoder, timer);
+            let seen_from = (&self.shadows, &shadow_frame, camera_from_world);
+            record_eye(gpu, &mut encoder, timer, eye, seen_from)?;
         }
         self.insets.record(&mut encoder, timer);
         for eye in &self.eyes {
@@ -306,6 +285,41 @@ impl RenderNode {
             ball_m: center_m.as_vec3().extend(radius_m as f32),
         }
     }
+}
+
+/// Every pass of one eye's picture, in order; the passes that eyes share are recorded.
+fn record_eye(
+    gpu: &Gpu,
+    encoder: &mut wgpu::CommandEncoder,
+    timer: &mut Timer,
+    eye: &mut Eye,
+    (shadows, frame, camera_from_world): (&SceneShadows, &ShadowFrame<'_>, &Pose),
+) -> Result<(), RenderError> {
+    let eye_from_world = eye.from_world(camera_from_world);
+    shadows.record_eye(gpu, encoder, timer, (&mut eye.shadows, frame, &eye_from_world))?;
+    for lamps in &eye.lamps {
+        lamps.record(encoder, timer);
+    }
+    if let Some(protect) = &eye.protect {
+        protect.record(encoder, timer);
+    }
+    if let Some(unshadowed) = &eye.own_unshadowed {
+        unshadowed.record(encoder, timer);
+    }
+    eye.near.record_change(encoder, timer);
+    eye.receive.record(encoder, timer);
+    eye.lamp_receive.record(encoder, timer);
+    eye.real.record(encoder, timer);
+    eye.near.record_light(encoder, timer);
+    eye.traced.record(encoder, timer, frame.scene);
+    eye.record_depth(encoder, timer, frame.scene);
+    eye.shade.record(encoder, timer, frame.scene, eye.depth.view());
+    if let Some(edges) = &eye.edges {
+        edges.record(encoder, timer);
+    }
+    eye.look.record(encoder, timer);
+    eye.finish.record(encoder, timer);
+    Ok(())
 }
 
 /// Where the strong lights stand, as the shader takes it.

@@ -192,6 +192,10 @@ fn lamps_that_cannot_be_are_refused_by_name_and_key() {
         assert_eq!((lamp.as_str(), *field), ("desk", expected), "{error}");
         assert!(error.is_bad_input() && error.hint().is_some());
     }
+}
+
+#[test]
+fn names_units_and_carriers_of_lamps_that_cannot_be_are_named() {
     let twice = "[[lamp]]\nname = \"desk\"\nkind = \"point\"\nwhite_radiance = 1.0\n";
     let error = load(&format!("version = 1\n{twice}{twice}")).unwrap_err();
     assert!(error.to_string().contains("`desk`, `name`"), "{error}");

@@ -494,7 +494,7 @@ fn a_lamp_whose_carrier_is_gone_does_not_shine() {
         at(Carrier::Object(0), LampKind::Rectangle { half_m: [0.2, 0.1] }),
         at(Carrier::World, LampKind::Point { radius_m: 0.0 }),
     ];
-    let gpu = GpuLamps::new(&lamps, &support::rig(), &[GONE]);
+    let gpu = GpuLamps::new(&lamps, |lamp| lamp.world_from_carrier(&support::rig(), &[GONE]));
     assert_eq!(gpu.counts[..2], [1, 0], "the hard one alone");
     assert_eq!(gpu.all[0].position_m, Vec4::new(0.1, 0.0, 0.0, 0.0));
 }

@@ -33,7 +33,7 @@ for sequence in "$@"; do
         --config configs/peers/phone.toml "${given[@]}"
     rows+=(--row "$sequence" "$out/$name" "$out/$name-phone")
 done
-"$bin/gallery" "${rows[@]}" --out "$out/gallery.jpg" | tee "$out/gallery.md"
+"$bin/gallery" "${rows[@]}" --other phone --out "$out/gallery.jpg" | tee "$out/gallery.md"
 echo
 echo "pictures        $out/gallery.jpg"
 echo "table           $out/gallery.md"

@@ -349,10 +349,9 @@ fn a_scene_that_fails_is_read_again_when_a_file_that_it_names_changes() {
     std::fs::copy(folder.0.path().join("turning.bin"), folder.0.path().join("a b.bin")).expect("it is writable");
     next(&watch).expect("everything is there");
 
-    // The glTF reader takes for granted that this is text.
     folder.put("other.gltf", &text.replace("turning.bin", "%ff.bin"));
     let error = next(&watch).expect_err("no file has this name");
-    assert!(matches!(error, RenderError::Fault { .. }), "{error}");
+    assert!(matches!(error, RenderError::Mesh { .. }), "{error}");
     folder.put("other.gltf", &text);
     next(&watch).expect("the watch goes on");
 }

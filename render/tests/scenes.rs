@@ -130,7 +130,6 @@ fn an_object_on_a_path_is_drawn_as_if_it_stood_where_it_is() {
 }
 
 #[test]
-#[expect(clippy::print_stdout, reason = "a figure, kept by the test runner unless asked for")]
 fn a_moving_phantom_hides_and_lights_as_if_it_stood_where_it_is() {
     let Some(gpu) = support::gpu() else { return };
     let rig = support::rig();

@@ -176,6 +176,10 @@ fn shared_structs_have_one_layout() {
     );
     assert_same_layout!("shade", "Map", GpuMap { matrix, place, facts });
     assert_same_layout!("receive", "Environment", GpuEnvironment { position_m, probe_m });
+}
+
+#[test]
+fn structs_of_rays_have_one_layout() {
     assert_same_layout!(
         "reflect",
         "LightProbe",

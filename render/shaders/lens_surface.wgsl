@@ -56,8 +56,7 @@ fn fragment(corner: Corner, @builtin(front_facing) is_front: bool) -> Targets {
         if coverage_at(point, spread, is_front) < 0.5 {
             discard;
         }
-        let scale = materials[corner.material].surface.z;
-        normal = turned_to_eye(mapped_normal(NORMAL_MAP, point, spread, scale), to_eye);
+        normal = turned_to_eye(mapped_normal(point, spread), to_eye);
     }
     return Targets(vec4f(corner.place, 1.0), vec4f(normal, f32(corner.object)));
 }

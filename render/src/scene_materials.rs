@@ -11,7 +11,7 @@ use crate::directional_albedo;
 use crate::error::RenderError;
 use crate::gpu::Gpu;
 use crate::gpu::pass::{RADIANCE_FORMAT, TextureShape};
-use crate::gpu::types::{GpuMap, GpuMaterial, NO_LAYER};
+use crate::gpu::types::{GpuMap, GpuMaterial};
 use crate::scene::Material;
 use crate::scene::material::{Alpha, Image, Model, N_TEXTURES, NormalMap, Sides, Texture, UvSet, Wrap};
 
@@ -293,6 +293,7 @@ fn gpu_material(material: &Material, colors: &mut Layers, values: &mut Layers) -
         let layers = if IS_COLOR[i] { &mut *colors } else { &mut *values };
         gpu_map(textures[i], layers)
     });
+    let has_map = |i: usize| u32::from(textures[i].is_some()) << i;
     let volume = &material.volume;
     let distance_m = volume.attenuation_distance_m.min(1e30);
     let coat = &material.clearcoat;
@@ -314,7 +315,7 @@ fn gpu_material(material: &Material, colors: &mut Layers, values: &mut Layers) -
             model_code(material.model),
             alpha_code(material.alpha),
             sides_code(material.sides),
-            0,
+            (0..N_TEXTURES).map(has_map).sum(),
         ],
         maps,
     }
@@ -352,11 +353,7 @@ fn sides_code(sides: Sides) -> u32 {
 
 fn gpu_map(texture: Option<&Texture>, layers: &mut Layers) -> GpuMap {
     let Some(texture) = texture else {
-        return GpuMap {
-            matrix: Vec4::ZERO,
-            place: Vec4::ZERO,
-            facts: [NO_LAYER, 0, 0, 0],
-        };
+        return bytemuck::Zeroable::zeroed();
     };
     let Affine2 { matrix2, translation } = texture.picture_from_uv;
     let [x_axis, y_axis] = [matrix2.x_axis, matrix2.y_axis];

@@ -1,11 +1,11 @@
 // A real camera: lens, photometry, pose. Frames: world in metres; camera x right, y down, z forward; pixel centres at integers.
 
 struct Camera {
+    focal_and_principal_px: vec4f,
     camera_from_world: mat4x4f,
     common_from_camera: mat4x4f,
     camera_from_common: mat4x4f,
     position_m: vec4f,
-    focal_and_principal_px: vec4f,
     distortion: vec4f,
     denominator: vec4f,
     limits: vec4f,

@@ -33,7 +33,9 @@ const COAT_ROUGHNESS_MAP = 10u;
 const COAT_NORMAL_MAP = 11u;
 const SHEEN_COLOR_MAP = 12u;
 const SHEEN_ROUGHNESS_MAP = 13u;
-const NO_LAYER = 0xffffffffu;
+// Those of the above that lie with the colours (`IS_COLOR` in src/scene_materials.rs), one bit each.
+const COLOR_MAPS = 1u << BASE_COLOR_MAP | 1u << EMISSION_MAP | 1u << SPECULAR_MAP | 1u << SPECULAR_COLOR_MAP
+    | 1u << SHEEN_COLOR_MAP | 1u << SHEEN_ROUGHNESS_MAP;
 
 // A point of a mesh as the vertices give it, world frame.
 struct MeshPoint {
@@ -114,32 +116,24 @@ fn map_place(map: Map, point: MeshPoint, spread: vec2f, size: u32) -> vec3f {
     return vec3f(wrapped(uv.x, map.facts.z, edge), wrapped(uv.y, map.facts.w, edge), mip);
 }
 
-// Picture of a colour; white where there is none.
-fn color_map(index: u32, point: MeshPoint, spread: vec2f) -> vec4f {
+// Picture of a material, one that it has: a colour or values.
+fn map_texel(index: u32, point: MeshPoint, spread: vec2f) -> vec4f {
     let map = materials[point.material].maps[index];
-    if map.facts.x == NO_LAYER {
-        return vec4f(1.0);
-    }
-    let place = map_place(map, point, spread, textureDimensions(color_maps).x);
-    return textureSampleLevel(color_maps, map_sampler, place.xy, map.facts.x, place.z);
-}
-
-// Picture of values; all 1 where there is none.
-fn value_map(index: u32, point: MeshPoint, spread: vec2f) -> vec4f {
-    let map = materials[point.material].maps[index];
-    if map.facts.x == NO_LAYER {
-        return vec4f(1.0);
+    if (COLOR_MAPS >> index & 1u) == 1u {
+        let place = map_place(map, point, spread, textureDimensions(color_maps).x);
+        return textureSampleLevel(color_maps, map_sampler, place.xy, map.facts.x, place.z);
     }
     let place = map_place(map, point, spread, textureDimensions(value_maps).x);
     return textureSampleLevel(value_maps, map_sampler, place.xy, map.facts.x, place.z);
 }
 
-// Unit normal of a normal map (glTF 2.0, 3.9.3).
-fn mapped_normal(index: u32, point: MeshPoint, spread: vec2f, scale: f32) -> vec3f {
-    if materials[point.material].maps[index].facts.x == NO_LAYER {
-        return point.normal;
-    }
-    let stored = 2.0 * value_map(index, point, spread).xyz - 1.0;
+fn has_map(material: u32, index: u32) -> bool {
+    return (materials[material].kinds.w >> index & 1u) == 1u;
+}
+
+// Unit normal of a normal map's texel (glTF 2.0, 3.9.3).
+fn turned_normal(texel: vec4f, point: MeshPoint, scale: f32) -> vec3f {
+    let stored = 2.0 * texel.xyz - 1.0;
     let along = point.tangent.xyz - dot(point.tangent.xyz, point.normal) * point.normal;
     let tangent = along * inverseSqrt(max(dot(along, along), 1e-20));
     let bitangent = cross(point.normal, tangent) * point.tangent.w;
@@ -147,9 +141,22 @@ fn mapped_normal(index: u32, point: MeshPoint, spread: vec2f, scale: f32) -> vec
     return select(point.normal, normalize(turned), dot(turned, turned) > 1e-12);
 }
 
+// Unit normal, normal map included.
+fn mapped_normal(point: MeshPoint, spread: vec2f) -> vec3f {
+    if !has_map(point.material, NORMAL_MAP) {
+        return point.normal;
+    }
+    let scale = materials[point.material].surface.z;
+    return turned_normal(map_texel(NORMAL_MAP, point, spread), point, scale);
+}
+
 // Base colour and opacity.
 fn base_color_at(point: MeshPoint, spread: vec2f) -> vec4f {
-    return materials[point.material].base_color * point.color * color_map(BASE_COLOR_MAP, point, spread);
+    let color = materials[point.material].base_color * point.color;
+    if !has_map(point.material, BASE_COLOR_MAP) {
+        return color;
+    }
+    return color * map_texel(BASE_COLOR_MAP, point, spread);
 }
 
 // Share of a point that there is: 0 behind a surface that is seen from its front alone, 0 or 1 by a mask, else opacity.
@@ -165,31 +172,90 @@ fn coverage_at(point: MeshPoint, spread: vec2f, is_front: bool) -> f32 {
     return select(alpha, select(0.0, 1.0, alpha >= material.surface.w), material.kinds.y == MASK);
 }
 
-// What a point is made of, pictures averaged over `spread` of either set of texture coordinates.
+// What a point is made of, pictures averaged over `spread` of either set of texture coordinates. A loop over the pictures that
+// the material has: most have few, and a shader with one place that reads pictures is much smaller than one with fourteen.
 fn substance_over(point: MeshPoint, spread: vec2f) -> Substance {
+    let material = materials[point.material];
+    var made = bare_substance(point);
+    var specular = 1.0;
+    for (var left = material.kinds.w; left != 0u; left &= left - 1u) {
+        let index = firstTrailingBit(left);
+        let texel = map_texel(index, point, spread);
+        switch index {
+            case BASE_COLOR_MAP: {
+                made.base_color *= texel;
+            }
+            case METALLIC_ROUGHNESS_MAP: {
+                made.metallic *= texel.b;
+                made.roughness *= texel.g;
+            }
+            case NORMAL_MAP: {
+                made.normal = turned_normal(texel, point, material.surface.z);
+            }
+            case OCCLUSION_MAP: {
+                made.occlusion = 1.0 + material.emission.w * (texel.r - 1.0);
+            }
+            case EMISSION_MAP: {
+                made.emission *= texel.rgb;
+            }
+            case SPECULAR_MAP: {
+                specular = texel.a;
+            }
+            case SPECULAR_COLOR_MAP: {
+                made.dielectric_f0 *= texel.rgb;
+            }
+            case TRANSMISSION_MAP: {
+                made.transmission *= texel.r;
+            }
+            case THICKNESS_MAP: {
+                made.thickness_m *= texel.g;
+            }
+            case COAT_MAP: {
+                made.coat *= texel.r;
+            }
+            case COAT_ROUGHNESS_MAP: {
+                made.coat_roughness *= texel.g;
+            }
+            case COAT_NORMAL_MAP: {
+                made.coat_normal = turned_normal(texel, point, material.coat.z);
+            }
+            case SHEEN_COLOR_MAP: {
+                made.sheen *= texel.rgb;
+            }
+            case SHEEN_ROUGHNESS_MAP: {
+                made.sheen_roughness *= texel.a;
+            }
+            default: {}
+        }
+    }
+    made.dielectric_f0 *= specular;
+    made.dielectric_f90 *= specular;
+    made.f0 = mix(made.dielectric_f0, made.base_color.rgb, made.metallic);
+    made.f90 = mix(made.dielectric_f90, 1.0, made.metallic);
+    return made;
+}
+
+// A material's own factors, its pictures left out; `f0` and `f90` are not set.
+fn bare_substance(point: MeshPoint) -> Substance {
     let material = materials[point.material];
     var made: Substance;
     made.model = material.kinds.x;
-    made.base_color = base_color_at(point, spread);
-    made.normal = mapped_normal(NORMAL_MAP, point, spread, material.surface.z);
-    let metallic_roughness = value_map(METALLIC_ROUGHNESS_MAP, point, spread);
-    made.metallic = material.surface.x * metallic_roughness.b;
-    made.roughness = material.surface.y * metallic_roughness.g;
-    let specular = color_map(SPECULAR_MAP, point, spread).a;
-    made.dielectric_f0 = material.dielectric.rgb * color_map(SPECULAR_COLOR_MAP, point, spread).rgb * specular;
-    made.dielectric_f90 = material.dielectric.w * specular;
-    made.f0 = mix(made.dielectric_f0, made.base_color.rgb, made.metallic);
-    made.f90 = mix(made.dielectric_f90, 1.0, made.metallic);
-    made.emission = material.emission.rgb * color_map(EMISSION_MAP, point, spread).rgb;
-    made.occlusion = 1.0 + material.emission.w * (value_map(OCCLUSION_MAP, point, spread).r - 1.0);
-    made.coat = material.coat.x * value_map(COAT_MAP, point, spread).r;
-    made.coat_roughness = material.coat.y * value_map(COAT_ROUGHNESS_MAP, point, spread).g;
-    made.coat_normal = mapped_normal(COAT_NORMAL_MAP, point, spread, material.coat.z);
-    made.sheen = material.sheen.rgb * color_map(SHEEN_COLOR_MAP, point, spread).rgb;
-    made.sheen_roughness = material.sheen.w * color_map(SHEEN_ROUGHNESS_MAP, point, spread).a;
-    made.transmission = material.glass.x * value_map(TRANSMISSION_MAP, point, spread).r;
+    made.base_color = material.base_color * point.color;
+    made.normal = point.normal;
+    made.metallic = material.surface.x;
+    made.roughness = material.surface.y;
+    made.dielectric_f0 = material.dielectric.rgb;
+    made.dielectric_f90 = material.dielectric.w;
+    made.emission = material.emission.rgb;
+    made.occlusion = 1.0;
+    made.coat = material.coat.x;
+    made.coat_roughness = material.coat.y;
+    made.coat_normal = point.normal;
+    made.sheen = material.sheen.rgb;
+    made.sheen_roughness = material.sheen.w;
+    made.transmission = material.glass.x;
     made.ior = material.glass.y;
-    made.thickness_m = material.glass.z * value_map(THICKNESS_MAP, point, spread).g;
+    made.thickness_m = material.glass.z;
     made.attenuation = material.attenuation;
     return made;
 }

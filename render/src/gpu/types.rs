@@ -20,6 +20,9 @@ pub const MAX_ENVIRONMENTS: usize = 16;
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuCamera {
+    /// Focal lengths and principal point in pixels. First, as they stay: lavapipe writes the first number of a uniform buffer
+    /// that a shader branches on into the shader, and a pose there means every such shader anew in every frame.
+    pub focal_and_principal_px: Vec4,
     /// World to camera.
     pub camera_from_world: Mat4,
     /// Camera's linear RGB to the rig's common RGB, in the upper left 3×3.
@@ -29,8 +32,6 @@ pub struct GpuCamera {
     /// xyz: camera centre in the world, metres; w: lens model, 0 perspective, 1 Kannala-Brandt, 2 equisolid, 3 spheres (EUCM
     /// and double sphere).
     pub position_m: Vec4,
-    /// Focal lengths and principal point in pixels.
-    pub focal_and_principal_px: Vec4,
     /// k1 k2 p1 p2, or k1 k2 k3 k4, or alpha beta xi; unused for an equisolid lens.
     pub distortion: Vec4,
     /// xyz: k4 k5 k6 of a rational lens, 0 for others; w: unused.
@@ -175,10 +176,7 @@ impl GpuObject {
     }
 }
 
-/// Layer of a [`GpuMap`] without picture.
-pub const NO_LAYER: u32 = u32::MAX;
-
-/// A picture on a surface (`Map` in `shared/lights.wgsl`).
+/// A picture on a surface (`Map` in `shared/lights.wgsl`); nothing is read of one that the material has not.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct GpuMap {
@@ -186,8 +184,7 @@ pub struct GpuMap {
     pub matrix: Vec4,
     /// xy: translation of the same; z: its largest scale; w: unused.
     pub place: Vec4,
-    /// x: layer, [`NO_LAYER`] for no picture; y: set of coordinates; z, w: wrapping along u and v, 0 repeat, 1 mirror, 2
-    /// clamp.
+    /// x: layer; y: set of coordinates; z, w: wrapping along u and v, 0 repeat, 1 mirror, 2 clamp.
     pub facts: [u32; 4],
 }
 
@@ -212,7 +209,7 @@ pub struct GpuMaterial {
     /// x: transmission; y: index of refraction; z: thickness, metres; w: unused.
     pub glass: Vec4,
     /// x: model, 0 metallic-roughness, 1 gloss in alpha, 2 unlit; y: alpha, 0 opaque, 1 mask, 2 blend; z: 1 where both
-    /// sides are seen; w: unused.
+    /// sides are seen; w: the pictures that there are, one bit each in the order of `maps`.
     pub kinds: [u32; 4],
     /// Pictures, in the order of [`crate::scene::Material::textures`].
     pub maps: [GpuMap; N_TEXTURES],

@@ -124,13 +124,10 @@ fn what_is_no_picture_is_refused() {
     );
     assert_eq!(
         LumaView::new([4, 4], 3, &[0; 16]).unwrap_err(),
-        LumaError::Stride { width: 4, stride: 3 }
+        LumaError::Stride { row: 4, stride: 3 }
     );
     let error = LumaView::new([4, 4], 5, &[0; 16]).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "the picture has `16` bytes (needed: stride times height, `20`)"
-    );
+    assert_eq!(error.to_string(), "the picture has `16` bytes (needed: `19`)");
     let rig = rig();
     let mut finder = Finder::new(&[Family::Tag36h11]);
     let error = finder.find(&[0; 12], [2, 2], rig.scene_camera()).unwrap_err();

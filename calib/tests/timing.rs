@@ -4,7 +4,7 @@ use std::process::{Command, Output};
 
 use mirrorball_calib::{
     response::ResponseCurve,
-    tag::Family,
+    tag::{Family, Layout},
     timing::{Sample, TimingError, align, blink, latency, motion},
 };
 
@@ -407,13 +407,14 @@ fn record_marker(folder: &std::path::Path, cameras: &[(&str, Camera)], duration_
     const FOCAL_PX: f64 = 92.0;
     const SIDE_M: f64 = 0.14;
     const PARTS: u32 = 3;
-    let cells = Family::Tag36h11.cells(0).expect("it has that code");
-    let n = f64::from(Family::Tag36h11.cells_per_side());
+    let layout = Layout::new(Family::Tag36h11, 1);
+    let picture = layout.picture(Family::Tag36h11.code(0).expect("it has that code"));
+    let n = (layout.quad_cells() - 2) as f64;
     let white = |x: f64, y: f64| {
         // The code, a black border and a white margin of one cell each, grey beyond.
         match (x.floor(), y.floor()) {
             (x, y) if (0.0..n).contains(&x) && (0.0..n).contains(&y) => {
-                if cells[(y * n + x) as usize] {
+                if picture[y as usize + 2][x as usize + 2] {
                     0.7
                 } else {
                     0.03

@@ -9,7 +9,7 @@ use super::{
     plane::LocalPlane,
     saddle::Saddle,
 };
-use crate::tag::LinearLuma;
+use crate::tag::{Layout, LinearLuma};
 
 /// What a grid looks like around its corners.
 pub(super) fn targets(board: &Board) -> Vec<Target> {
@@ -23,7 +23,7 @@ pub(super) fn targets(board: &Board) -> Vec<Target> {
     else {
         return Vec::new();
     };
-    let border_m = side_m * f64::from(border_bits) / f64::from(family.cells_per_side() + 2 * border_bits);
+    let border_m = side_m * f64::from(border_bits) / Layout::new(family, border_bits).quad_cells() as f64;
     let corners = board.corners_m().into_iter().enumerate();
     corners
         .map(|(index, corner)| Target {

@@ -65,7 +65,9 @@ impl Board {
                     let corners = square(cell * square_m + 0.5 * (square_m - side_m), side_m);
                     match family {
                         // OpenCV prints AprilTags turned by half a turn.
-                        Family::Tag36h11 => std::array::from_fn(|i| corners[(i + 2) % 4]),
+                        Family::Tag36h11 | Family::Tag25h9 | Family::Tag16h5 | Family::TagStandard41h12 => {
+                            std::array::from_fn(|i| corners[(i + 2) % 4])
+                        }
                         Family::Aruco4x4(_) | Family::Aruco5x5(_) | Family::Aruco6x6(_) => corners,
                     }
                 })

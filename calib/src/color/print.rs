@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use glam::DVec2;
 
 use super::patches::PatchSheet;
-use crate::tag::Family;
+use crate::tag::{Family, Layout};
 
 /// Width and height of the page, A4 upright, in millimetres.
 const PAGE_MM: DVec2 = DVec2::new(210.0, 297.0);
@@ -22,7 +22,7 @@ const RULER_MM: (DVec2, u32) = (DVec2::new(55.0, 278.0), 100);
 #[must_use]
 pub fn sheet_svg(sheet: &PatchSheet) -> Option<String> {
     let (id, side_m) = (sheet.marker?, sheet.marker_side_m?);
-    let cells = MARKER_FAMILY.cells(id)?;
+    let code = MARKER_FAMILY.code(id)?;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}mm\" height=\"{h}mm\" viewBox=\"0 0 {w} {h}\" \
          font-family=\"sans-serif\" font-size=\"3\">\n<rect width=\"{w}\" height=\"{h}\" fill=\"#ffffff\"/>\n",
@@ -38,15 +38,16 @@ pub fn sheet_svg(sheet: &PatchSheet) -> Option<String> {
         let at = low + DVec2::new(0.0, side + 3.2);
         text(&mut svg, at, &patch.name);
     }
-    // The border of one cell is black, and so are the cells that are not white.
-    let side = MARKER_FAMILY.cells_per_side();
-    let cell_mm = 1e3 * side_m / f64::from(side + 2);
+    let layout = Layout::new(MARKER_FAMILY, 1);
+    let cell_mm = 1e3 * side_m / layout.quad_cells() as f64;
     let corner = page_mm(0.5 * side_m * DVec2::new(-1.0, 1.0));
     rect(&mut svg, corner, 1e3 * side_m, "#000000");
-    for (index, _) in cells.iter().enumerate().filter(|(_, is_white)| **is_white) {
-        let index = index as u32;
-        let place = DVec2::new(f64::from(index % side + 1), f64::from(index / side + 1));
-        rect(&mut svg, corner + cell_mm * place, cell_mm, "#ffffff");
+    let (first, end) = (layout.margin_cells(), layout.margin_cells() + layout.quad_cells());
+    for (y, row) in layout.picture(code)[first..end].iter().enumerate() {
+        for (x, _) in row[first..end].iter().enumerate().filter(|(_, is_white)| **is_white) {
+            let place = DVec2::new(x as f64, y as f64);
+            rect(&mut svg, corner + cell_mm * place, cell_mm, "#ffffff");
+        }
     }
     ruler(&mut svg);
     let title = format!(

@@ -6,7 +6,7 @@ use std::{ffi::CString, ptr::NonNull};
 use apriltag_sys as ffi;
 use glam::DVec2;
 
-use super::{Detection, DictionarySize, Family, LumaView};
+use super::{Detection, DictionarySize, Family, Layout, LumaView};
 
 /// Offset of the library's pixel centres from ours, which are integers.
 const PIXEL_CENTRE: f64 = 0.5;
@@ -35,37 +35,31 @@ struct Memory {
 
 impl Table {
     fn new(family: Family, border_bits: u32) -> Self {
-        let side = family.cells_per_side();
-        let cells = match family {
-            Family::Tag36h11 => tag36h11(|table| table.cells()),
-            Family::Aruco4x4(_) | Family::Aruco5x5(_) | Family::Aruco6x6(_) => quadrants(side),
-        };
-        let codes = match family {
-            Family::Tag36h11 => tag36h11(|table| table.codes().to_vec()),
-            Family::Aruco4x4(_) | Family::Aruco5x5(_) | Family::Aruco6x6(_) => {
-                let bits = side * side;
-                let from_rows = |rows: u64| {
-                    cells
-                        .iter()
-                        .fold(0, |code, [x, y]| code << 1 | (rows >> (bits - 1 - (y * side + x)) & 1))
-                };
-                family.dictionary().into_iter().map(from_rows).collect()
-            }
+        let layout = Layout::new(family, border_bits);
+        let cells = turnable(layout.code_cells(), layout.quad_cells() as i32);
+        let code_of = |id| {
+            let code = family.code(id).expect("ids are below the number of codes");
+            let n = cells.len();
+            let bit = |cell| {
+                let place = layout.code_cells().iter().position(|known| known == cell);
+                code >> (n - 1 - place.expect("the same cells in another order")) & 1
+            };
+            cells.iter().fold(0, |code, cell| code << 1 | bit(cell))
         };
         let mut memory = Memory {
-            codes,
-            bit_x: cells.iter().map(|[x, _]| x + border_bits).collect(),
-            bit_y: cells.iter().map(|[_, y]| y + border_bits).collect(),
+            codes: (0..family.codes()).map(code_of).collect(),
+            bit_x: cells.iter().map(|[x, _]| x.cast_unsigned()).collect(),
+            bit_y: cells.iter().map(|[_, y]| y.cast_unsigned()).collect(),
             name: CString::new(family.name()).expect("names of families have no zero byte"),
         };
-        let width = i32::try_from(side + 2 * border_bits).expect("checked by `Detector`: borders are thin");
+        let width = i32::try_from(layout.quad_cells()).expect("checked by `Detector`: borders are thin");
         let raw = Box::new(ffi::apriltag_family_t {
             ncodes: family.codes(),
             codes: memory.codes.as_mut_ptr(),
             width_at_border: width,
-            total_width: width + 2,
-            reversed_border: false,
-            nbits: side * side,
+            total_width: width + 2 * layout.margin_cells() as i32,
+            reversed_border: layout.is_white_inside(),
+            nbits: cells.len() as u32,
             bit_x: memory.bit_x.as_mut_ptr(),
             bit_y: memory.bit_y.as_mut_ptr(),
             h: 0,
@@ -88,80 +82,40 @@ impl Drop for Table {
     }
 }
 
-/// The cells of a square code in the order that the library can turn: a quarter of them, then the same turned clockwise,
-/// three times, then the middle one of an odd square. Columns and rows from the top-left.
-fn quadrants(side: u32) -> Vec<[u32; 2]> {
-    let mut cells = Vec::with_capacity((side * side) as usize);
-    let quarter = (0..side / 2).flat_map(|y| (0..side.div_ceil(2)).map(move |x| [x, y]));
-    let mut quarter: Vec<[u32; 2]> = quarter.collect();
-    for _ in 0..4 {
-        cells.extend(&quarter);
-        for cell in &mut quarter {
-            *cell = [side - 1 - cell[1], cell[0]];
+/// The cells in an order that the library can turn: a quarter of them, then the same turned clockwise, three times, then the
+/// middle one of an odd square.
+fn turnable(cells: &[[i32; 2]], side: i32) -> Vec<[i32; 2]> {
+    let turned = |[x, y]: [i32; 2]| [side - 1 - y, x];
+    let mut quarter: Vec<[i32; 2]> = Vec::new();
+    let mut known: Vec<[i32; 2]> = Vec::new();
+    for &cell in cells {
+        if !known.contains(&cell) && turned(cell) != cell {
+            quarter.push(cell);
+            let mut next = cell;
+            for _ in 0..4 {
+                known.push(next);
+                next = turned(next);
+            }
         }
     }
-    if side % 2 == 1 {
-        cells.push([side / 2; 2]);
+    let mut all = Vec::with_capacity(cells.len());
+    for _ in 0..4 {
+        all.extend(&quarter);
+        for cell in &mut quarter {
+            *cell = turned(*cell);
+        }
     }
-    cells
-}
-
-/// The library's own table of tag36h11.
-struct Tag36h11<'a>(&'a ffi::apriltag_family_t);
-
-impl Tag36h11<'_> {
-    fn codes(&self) -> &[u64] {
-        // SAFETY: the library says that there are `ncodes` of them, in static memory.
-        unsafe { std::slice::from_raw_parts(self.0.codes, self.0.ncodes as usize) }
-    }
-
-    /// Columns and rows, from the top-left cell of the code; the library counts from the border's corner.
-    fn cells(&self) -> Vec<[u32; 2]> {
-        let count = self.0.nbits as usize;
-        // SAFETY: both arrays have `nbits` elements and live as long as the family, which is borrowed.
-        let (x, y) = unsafe {
-            (
-                std::slice::from_raw_parts(self.0.bit_x, count),
-                std::slice::from_raw_parts(self.0.bit_y, count),
-            )
-        };
-        x.iter().zip(y).map(|(x, y)| [x - 1, y - 1]).collect()
-    }
-}
-
-/// Looks at the library's own table.
-fn tag36h11<T>(read: impl FnOnce(Tag36h11<'_>) -> T) -> T {
-    // SAFETY: the table is new, is only read, and is freed once, after `read` has given its borrow back.
-    unsafe {
-        let table = NonNull::new(ffi::tag36h11_create()).expect("no memory left for a code table");
-        let result = read(Tag36h11(table.as_ref()));
-        ffi::tag36h11_destroy(table.as_ptr());
-        result
-    }
-}
-
-/// A code of tag36h11, its cells row by row from the top-left, the first one the most significant bit.
-pub(super) fn tag36h11_rows(id: u32) -> Option<u64> {
-    let side = Family::Tag36h11.cells_per_side();
-    tag36h11(|table| {
-        let code = *table.codes().get(id as usize)?;
-        let cells = table.cells();
-        let bits = cells.len() as u32;
-        let set = cells
-            .iter()
-            .zip((0..bits).rev())
-            .filter(|(_, bit)| code >> bit & 1 == 1);
-        Some(set.fold(0, |rows, ([x, y], _)| rows | 1 << (bits - 1 - (y * side + x))))
-    })
+    all.extend(cells.iter().filter(|&&cell| turned(cell) == cell));
+    all
 }
 
 /// Bits of a code that may be wrong and are corrected: the library's own default, less where codes are close to each
 /// other (as OpenCV's `maxCorrectionBits`) or so many that the library's hash table would be huge.
 fn corrected_bits(family: Family) -> i32 {
     match family {
-        Family::Aruco4x4(DictionarySize::N1000) => 0,
+        Family::Tag16h5 | Family::Aruco4x4(DictionarySize::N1000) => 0,
         Family::Aruco4x4(_) | Family::Aruco5x5(DictionarySize::N1000) | Family::Aruco6x6(DictionarySize::N1000) => 1,
-        Family::Tag36h11 | Family::Aruco5x5(_) | Family::Aruco6x6(_) => 2,
+        Family::Tag36h11 | Family::Tag25h9 | Family::TagStandard41h12 | Family::Aruco5x5(_) | Family::Aruco6x6(_) => 2,
     }
 }
 
@@ -215,9 +169,9 @@ impl Library {
             width: side(luma.width()),
             height: side(luma.height()),
             stride: side(luma.stride()),
-            buf: luma.pixels().as_ptr().cast_mut(),
+            buf: luma.row(0).as_ptr().cast_mut(),
         };
-        // SAFETY: `LumaView::new` has checked that `stride × height` bytes are there. Without decimation, blur and
+        // SAFETY: `LumaView::new` has checked that all rows are there and `Detector` that pixels are a byte apart. Without decimation, blur and
         // debug pictures the library only reads them. The list and the detections in it are the library's, are read
         // before they are destroyed, and are not kept. `self.detector` is live and borrowed exclusively.
         unsafe {
@@ -254,28 +208,5 @@ impl Drop for Library {
     fn drop(&mut self) {
         // SAFETY: it was created in `new` and is freed once, before the families that it refers to.
         unsafe { ffi::apriltag_detector_destroy(self.detector.as_ptr()) };
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The library's own order is one that can be turned; ours must be of the same kind.
-    #[test]
-    fn a_quarter_of_the_cells_turned_is_the_next_quarter() {
-        let turned = |cells: &[[u32; 2]], side: u32| {
-            let quarter = cells.len() / 4;
-            (0..3 * quarter).all(|i| cells[i + quarter] == [side - 1 - cells[i][1], cells[i][0]])
-        };
-        assert!(turned(&tag36h11(|table| table.cells()), 6));
-        for side in 4..=6 {
-            let mut cells = quadrants(side);
-            assert!(turned(&cells, side));
-            assert_eq!(cells.len(), (side * side) as usize);
-            cells.sort();
-            cells.dedup();
-            assert_eq!(cells.len(), (side * side) as usize);
-        }
     }
 }

@@ -2,13 +2,20 @@
 
 use std::{fmt, str::FromStr};
 
-use super::apriltag;
+use super::Cell;
 
 /// A family of markers: the shape of the code and the table of codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Family {
     /// AprilTag 36h11 (Olson 2011): 6×6 cells, Hamming distance 11, one black cell of border, one white around it.
     Tag36h11,
+    /// AprilTag 25h9: 5×5 cells, border as above.
+    Tag25h9,
+    /// AprilTag 16h5: 4×4 cells, border as above. Things that are no markers look like one of its codes now and then.
+    Tag16h5,
+    /// AprilTag 3's standard family (Krogius et al. 2019): 3×3 cells within a white ring within a black one, and a ring of
+    /// cells around it. Its corners are those between the white and the black ring.
+    TagStandard41h12,
     /// OpenCV's ArUco dictionaries of 4×4 cells, border as above.
     Aruco4x4(DictionarySize),
     /// Those of 5×5 cells.
@@ -33,7 +40,7 @@ pub enum DictionarySize {
 /// The name is not that of a family.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "unknown marker family `{found}` (allowed: `tag36h11`, and `aruco_4x4_50` and the like: 4x4, 5x5 or 6x6, 50, 100, 250 or 1000)"
+    "unknown marker family `{found}` (allowed: `tag36h11`, `tag25h9`, `tag16h5`, `tagStandard41h12`, and `aruco_4x4_50` and the like: 4x4, 5x5 or 6x6, 50, 100, 250 or 1000)"
 )]
 pub struct UnknownFamily {
     /// The name.
@@ -42,10 +49,13 @@ pub struct UnknownFamily {
 
 impl Family {
     /// Every family that can be detected.
-    pub const ALL: [Self; 13] = {
+    pub const ALL: [Self; 16] = {
         use DictionarySize::{N50, N100, N250, N1000};
         [
             Self::Tag36h11,
+            Self::Tag25h9,
+            Self::Tag16h5,
+            Self::TagStandard41h12,
             Self::Aruco4x4(N50),
             Self::Aruco4x4(N100),
             Self::Aruco4x4(N250),
@@ -67,6 +77,9 @@ impl Family {
         use DictionarySize::{N50, N100, N250, N1000};
         match self {
             Self::Tag36h11 => "tag36h11",
+            Self::Tag25h9 => "tag25h9",
+            Self::Tag16h5 => "tag16h5",
+            Self::TagStandard41h12 => "tagStandard41h12",
             Self::Aruco4x4(N50) => "aruco_4x4_50",
             Self::Aruco4x4(N100) => "aruco_4x4_100",
             Self::Aruco4x4(N250) => "aruco_4x4_250",
@@ -87,6 +100,9 @@ impl Family {
     pub fn codes(self) -> u32 {
         match self {
             Self::Tag36h11 => 587,
+            Self::Tag25h9 => 35,
+            Self::Tag16h5 => 30,
+            Self::TagStandard41h12 => 2115,
             Self::Aruco4x4(size) | Self::Aruco5x5(size) | Self::Aruco6x6(size) => match size {
                 DictionarySize::N50 => 50,
                 DictionarySize::N100 => 100,
@@ -96,46 +112,51 @@ impl Family {
         }
     }
 
-    /// Cells along a side of the code, without border.
+    /// A marker's code, its cells row by row from the top-left of the upright marker, the first the most significant bit; 1
+    /// is white. `None` where there is no such id.
     #[must_use]
-    pub fn cells_per_side(self) -> u32 {
-        match self {
-            Self::Aruco4x4(_) => 4,
-            Self::Aruco5x5(_) => 5,
-            Self::Tag36h11 | Self::Aruco6x6(_) => 6,
-        }
+    pub fn code(self, id: u32) -> Option<u64> {
+        self.table().codes.get(id as usize).copied()
     }
 
-    /// The cells of a marker's code, row by row from the top-left of the upright marker; true is white. `None` where there
-    /// is no such id.
-    #[must_use]
-    pub fn cells(self, id: u32) -> Option<Vec<bool>> {
-        let cells = self.cells_per_side() * self.cells_per_side();
-        let code = match self {
-            Self::Tag36h11 => apriltag::tag36h11_rows(id)?,
-            Self::Aruco4x4(_) | Self::Aruco5x5(_) | Self::Aruco6x6(_) => {
-                *self.dictionary().get(usize::try_from(id).ok()?)?
-            }
-        };
-        Some((0..cells).rev().map(|bit| code >> bit & 1 == 1).collect())
-    }
-
-    /// The codes of an ArUco dictionary: cells row by row, the first the most significant bit. Empty for other families.
-    pub(super) fn dictionary(self) -> Vec<u64> {
-        let table = match self {
-            Self::Tag36h11 => "",
+    /// Cells and codes of the family, from its file.
+    pub(super) fn table(self) -> Table {
+        let text = match self {
+            Self::Tag36h11 => include_str!("codes/tag36h11.txt"),
+            Self::Tag25h9 => include_str!("codes/tag25h9.txt"),
+            Self::Tag16h5 => include_str!("codes/tag16h5.txt"),
+            Self::TagStandard41h12 => include_str!("codes/tagStandard41h12.txt"),
             Self::Aruco4x4(_) => include_str!("codes/aruco_4x4.txt"),
             Self::Aruco5x5(_) => include_str!("codes/aruco_5x5.txt"),
             Self::Aruco6x6(_) => include_str!("codes/aruco_6x6.txt"),
         };
-        table
-            .lines()
-            .filter(|line| !line.starts_with('#'))
+        let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+        let first = lines.next().expect("tested: the table has cells");
+        let mut rows = vec![row_of_cells(first)];
+        rows.extend(lines.by_ref().take(first.len() - 1).map(row_of_cells));
+        let codes = lines
             .flat_map(str::split_whitespace)
             .map(|code| u64::from_str_radix(code, 16).expect("tested: the table holds hexadecimal numbers"))
             .take(self.codes() as usize)
-            .collect()
+            .collect();
+        Table { rows, codes }
     }
+}
+
+/// A family's cells, ring of white or code included, row by row, and its codes.
+pub(super) struct Table {
+    pub(super) rows: Vec<Vec<Cell>>,
+    pub(super) codes: Vec<u64>,
+}
+
+fn row_of_cells(line: &str) -> Vec<Cell> {
+    let cell = |letter| match letter {
+        'b' => Cell::Black,
+        'w' => Cell::White,
+        'd' => Cell::Code,
+        _ => panic!("tested: the table has cells of `b`, `w` and `d`"),
+    };
+    line.chars().map(cell).collect()
 }
 
 impl fmt::Display for Family {
@@ -156,26 +177,34 @@ impl FromStr for Family {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tag::Layout;
 
     #[test]
     fn names_round_trip() {
         for family in Family::ALL {
             assert_eq!(family.to_string().parse(), Ok(family));
         }
-        let error = "tag25h9".parse::<Family>().unwrap_err();
+        let error = "tag36h10".parse::<Family>().unwrap_err();
         assert!(
             error
                 .to_string()
-                .starts_with("unknown marker family `tag25h9` (allowed: `tag36h11`"),
+                .starts_with("unknown marker family `tag36h10` (allowed: `tag36h11`"),
             "{error}"
         );
     }
 
+    /// The cells of the code alone, row by row; families whose code is a square.
     fn rows(family: Family, id: u32) -> Vec<String> {
-        let cells = family.cells(id).unwrap();
-        let side = family.cells_per_side() as usize;
-        let row = |row: &[bool]| row.iter().map(|&white| if white { '.' } else { '#' }).collect();
-        cells.chunks(side).map(row).collect()
+        let layout = Layout::new(family, 1);
+        let side = layout.quad_cells() - 2;
+        let picture = layout.picture(family.code(id).unwrap());
+        let row = |row: &Vec<bool>| {
+            row[2..2 + side]
+                .iter()
+                .map(|&white| if white { '.' } else { '#' })
+                .collect()
+        };
+        picture[2..2 + side].iter().map(row).collect()
     }
 
     /// As printed by AprilRobotics (apriltag-imgs) and drawn by OpenCV 5.0 (`generateImageMarker`).
@@ -197,8 +226,8 @@ mod tests {
     #[test]
     fn tables_have_as_many_codes_as_they_say() {
         for family in Family::ALL {
-            assert!(family.cells(family.codes() - 1).is_some(), "{family}");
-            assert_eq!(family.cells(family.codes()), None, "{family}");
+            assert!(family.code(family.codes() - 1).is_some(), "{family}");
+            assert_eq!(family.code(family.codes()), None, "{family}");
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use glam::DVec2;
 
-use super::LinearLuma;
+use super::LightPicture;
 use crate::{camera::Intrinsics, view::View};
 
 /// Cells along the side of the black square of every family that there is.
@@ -50,7 +50,7 @@ const REWEIGHTINGS: usize = 5;
 /// that order. They come back as they were when an edge cannot be fitted: the marker is too small (cells below about
 /// 1.7 pixels), an edge is covered, or a corner would move by more than a cell.
 #[must_use]
-pub fn refine_corners(luma: &LinearLuma, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> [DVec2; 4] {
+pub fn refine_corners(luma: &impl LightPicture, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> [DVec2; 4] {
     let mut refined = corners_px;
     for _ in 0..ROUNDS {
         let Some(next) = refit(luma, intrinsics, refined) else {
@@ -70,7 +70,7 @@ pub fn refine_corners(luma: &LinearLuma, intrinsics: &Intrinsics, corners_px: [D
 }
 
 /// One round: lines through all four edges, then their intersections.
-fn refit(luma: &LinearLuma, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> Option<[DVec2; 4]> {
+fn refit(luma: &impl LightPicture, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> Option<[DVec2; 4]> {
     let mut rays = [glam::DVec3::ZERO; 4];
     for (ray, corner) in rays.iter_mut().zip(corners_px) {
         *ray = intrinsics.unproject(corner)?;
@@ -98,14 +98,14 @@ fn refit(luma: &LinearLuma, intrinsics: &Intrinsics, corners_px: [DVec2; 4]) -> 
 }
 
 /// The four edges of a marker; side i runs from corner i to corner i + 1.
-struct Edges<'a> {
-    luma: &'a LinearLuma,
+struct Edges<'a, P> {
+    luma: &'a P,
     intrinsics: &'a Intrinsics,
     view: View,
     corners_px: [DVec2; 4],
 }
 
-impl Edges<'_> {
+impl<P: LightPicture> Edges<'_, P> {
     /// Points of an edge on the view's plane.
     fn points(&self, side: usize) -> Option<Vec<DVec2>> {
         let [start, end, after, before] = std::array::from_fn(|i| self.corners_px[(side + i) % 4]);
@@ -163,7 +163,7 @@ struct Profile {
 impl Profile {
     /// White and black are those of this profile alone: shadows that fall across a marker change them from one to the
     /// next.
-    fn take(luma: &LinearLuma, centre: DVec2, outward: DVec2, reach: f64) -> Option<Self> {
+    fn take(luma: &impl LightPicture, centre: DVec2, outward: DVec2, reach: f64) -> Option<Self> {
         let half_steps = (reach / STEP_PX).floor().max(1.0);
         let step = reach / half_steps;
         let level_from = (2.0 * BLUR_PX).min(reach - STEP_PX);
@@ -193,7 +193,7 @@ impl Profile {
 }
 
 /// Bilinear interpolation; `None` outside the picture.
-fn sample(luma: &LinearLuma, pixel: DVec2) -> Option<f64> {
+fn sample(luma: &impl LightPicture, pixel: DVec2) -> Option<f64> {
     let [width, height] = luma.size();
     let corner = pixel.floor();
     if !(corner.x >= 0.0 && corner.y >= 0.0) {
@@ -204,7 +204,7 @@ fn sample(luma: &LinearLuma, pixel: DVec2) -> Option<f64> {
         return None;
     }
     let part = pixel - corner;
-    let value = |x: usize, y: usize| f64::from(luma.linear()[y * width + x]);
+    let value = |x: usize, y: usize| f64::from(luma.light(x, y));
     let top = value(x, y) * (1.0 - part.x) + value(x + 1, y) * part.x;
     let bottom = value(x, y + 1) * (1.0 - part.x) + value(x + 1, y + 1) * part.x;
     Some(top * (1.0 - part.y) + bottom * part.y)

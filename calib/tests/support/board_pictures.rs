@@ -15,7 +15,7 @@ use mirrorball_calib::{
     camera::Intrinsics,
     pose::Pose,
     response::ResponseCurve,
-    tag::Family,
+    tag::{Family, Layout},
 };
 use rayon::prelude::*;
 
@@ -238,7 +238,15 @@ impl<'a> Print<'a> {
         let extent = |columns: u32, rows: u32| DVec2::new(f64::from(columns), f64::from(rows));
         let markers = |family: Family, first_id: u32, count: u32| -> Vec<Vec<bool>> {
             (first_id..first_id + count)
-                .map(|id| family.cells(id).expect("the board's ids exist"))
+                .map(|id| {
+                    let layout = Layout::new(family, 1);
+                    let picture = layout.picture(family.code(id).expect("the board's ids exist"));
+                    let inner = 2..layout.quad_cells();
+                    picture[inner.clone()]
+                        .iter()
+                        .flat_map(|row| row[inner.clone()].to_vec())
+                        .collect()
+                })
                 .collect()
         };
         let (codes, low, high, margin) = match *board {

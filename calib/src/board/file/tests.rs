@@ -98,8 +98,8 @@ fn what_is_wrong_is_named_with_its_line() {
         "{unknown}"
     );
     assert!(
-        message(&APRILGRID.replace("tag36h11", "tag25h9"))
-            .contains("line 2: `family` is `tag25h9` (allowed: `tag36h11`")
+        message(&APRILGRID.replace("tag36h11", "tag36h10"))
+            .contains("line 2: `family` is `tag36h10` (allowed: `tag36h11`")
     );
 }
 

@@ -169,7 +169,7 @@ impl Library {
             width: side(luma.width()),
             height: side(luma.height()),
             stride: side(luma.stride()),
-            buf: luma.row(0).as_ptr().cast_mut(),
+            buf: luma.bytes().as_ptr().cast_mut(),
         };
         // SAFETY: `LumaView::new` has checked that all rows are there and `Detector` that pixels are a byte apart. Without decimation, blur and
         // debug pictures the library only reads them. The list and the detections in it are the library's, are read

@@ -64,6 +64,14 @@ impl Detector {
     /// A picture with a side below 15 pixels has none.
     pub fn detect(&mut self, luma: LumaView<'_>) -> Vec<Detection> {
         let mut detections = Vec::new();
+        // The library knows no pixels that are apart.
+        let rows = (0..luma.height()).flat_map(|y| (0..luma.width()).map(move |x| luma.at(x, y)));
+        let close: Vec<u8> = if luma.step() == 1 { Vec::new() } else { rows.collect() };
+        let luma = if luma.step() == 1 {
+            luma
+        } else {
+            LumaView::new([luma.width(), luma.height()], luma.width(), &close).expect("a picture made of one")
+        };
         if self.library.has_families() && luma.width().min(luma.height()) >= MIN_SIDE {
             self.library.detect(luma, &mut detections);
         }

@@ -129,6 +129,11 @@ impl<'a> LumaView<'a> {
         &self.pixels[start..start + self.width.saturating_sub(1) * self.step + usize::from(self.width > 0)]
     }
 
+    /// All bytes, from the first pixel on.
+    pub(super) fn bytes(&self) -> &'a [u8] {
+        self.pixels
+    }
+
     /// A pixel.
     ///
     /// # Panics

@@ -6,7 +6,7 @@ use std::{ffi::CString, ptr::NonNull};
 use apriltag_sys as ffi;
 use glam::DVec2;
 
-use super::{Detection, DictionarySize, Family, Layout, LumaView};
+use super::{Detection, Family, Layout, LumaView, codebook::corrected_bits};
 
 /// Offset of the library's pixel centres from ours, which are integers.
 const PIXEL_CENTRE: f64 = 0.5;
@@ -109,16 +109,6 @@ fn turnable(cells: &[[i32; 2]], side: i32) -> Vec<[i32; 2]> {
     all
 }
 
-/// Bits of a code that may be wrong and are corrected: the library's own default, less where codes are close to each
-/// other (as OpenCV's `maxCorrectionBits`) or so many that the library's hash table would be huge.
-fn corrected_bits(family: Family) -> i32 {
-    match family {
-        Family::Tag16h5 | Family::Aruco4x4(DictionarySize::N1000) => 0,
-        Family::Aruco4x4(_) | Family::Aruco5x5(DictionarySize::N1000) | Family::Aruco6x6(DictionarySize::N1000) => 1,
-        Family::Tag36h11 | Family::Tag25h9 | Family::TagStandard41h12 | Family::Aruco5x5(_) | Family::Aruco6x6(_) => 2,
-    }
-}
-
 // SAFETY: the library keeps no state outside the detector and its families, which this type owns alone, and with one
 // thread it starts no worker whose identity could matter.
 unsafe impl Send for Library {}
@@ -146,7 +136,11 @@ impl Library {
             let table = Table::new(family, border_bits);
             // SAFETY: the family is new, is added to a live detector once, and outlives it: `drop` frees it afterwards.
             unsafe {
-                ffi::apriltag_detector_add_family_bits(detector.as_ptr(), table.raw.as_ptr(), corrected_bits(family));
+                ffi::apriltag_detector_add_family_bits(
+                    detector.as_ptr(),
+                    table.raw.as_ptr(),
+                    corrected_bits(family) as i32,
+                );
                 assert!(
                     !(*table.raw.as_ptr()).impl_.is_null(),
                     "no memory left for a code table"

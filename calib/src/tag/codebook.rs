@@ -65,7 +65,7 @@ impl Codebook {
 
 /// Bits of a code that may be wrong and are corrected: as AprilRobotics' library does by default, less where codes are close
 /// to each other (as OpenCV's `maxCorrectionBits`).
-fn corrected_bits(family: Family) -> u32 {
+pub(super) fn corrected_bits(family: Family) -> u32 {
     match family {
         Family::Tag16h5 | Family::Aruco4x4(DictionarySize::N1000) => 0,
         Family::Aruco4x4(_) | Family::Aruco5x5(DictionarySize::N1000) | Family::Aruco6x6(DictionarySize::N1000) => 1,
